@@ -1,0 +1,10 @@
+//! weldpath: from scans of a workpiece to the motion of a welding torch.
+//!
+//! [`pipeline`] is the whole method on one page; `scan` reads what a camera saw; [`toolpath`] is what comes out.
+//! Millimetres, radians, seconds; robot base frame unless a name says otherwise; transforms are `to_from`.
+#![forbid(unsafe_code)]
+
+pub mod cloud;
+pub mod pipeline;
+pub mod seam;
+pub mod toolpath;

@@ -1,0 +1,1 @@
+//! Behaviour across packages; the tests themselves are in `tests/tests/`.
