@@ -15,5 +15,6 @@
 pub mod geometry;
 pub mod math;
 pub mod path;
+pub mod seam;
 
 pub use geometry::{Direction, Orientation, Point, Vector};

@@ -6,3 +6,18 @@
 pub fn sqrt(x: f32) -> f32 {
     libm::sqrtf(x)
 }
+
+/// `e` to the power `x`.
+pub fn exp(x: f32) -> f32 {
+    libm::expf(x)
+}
+
+/// Magnitude.
+pub fn abs(x: f32) -> f32 {
+    f32::abs(x)
+}
+
+/// Euclidean length.
+pub fn norm(v: &crate::Vector) -> f32 {
+    sqrt(v.norm_squared())
+}
