@@ -15,5 +15,6 @@
 pub mod geometry;
 pub mod math;
 pub mod path;
+pub mod rotation;
 
 pub use geometry::{Direction, Orientation, Point, Vector};
