@@ -6,13 +6,14 @@
 //!
 //! | paper | module |
 //! |---|---|
-//! | II-B, Alg. 1 | `gesture` |
+//! | II-B, Alg. 1 | [`gesture`] |
 //! | II-E, eqs. (11)-(17) | `seam` |
 //! | II-F, eqs. (18)-(19) | [`path`] |
 #![no_std]
 #![forbid(unsafe_code)]
 
 pub mod geometry;
+pub mod gesture;
 pub mod math;
 pub mod path;
 pub mod rotation;
