@@ -20,9 +20,7 @@ pub fn gradient<'a>(neighbours: impl IntoIterator<Item = (&'a Vector, f32)>) -> 
         for axis in 0..3 {
             let delta_mm = offset_mm[axis];
             // `rise / delta` against the largest so far, without a division for the ones that lose.
-            if math::abs(delta_mm) >= MIN_SHARE * distance_mm
-                && math::abs(rise) > math::abs(largest[axis] * delta_mm)
-            {
+            if delta_mm.abs() >= MIN_SHARE * distance_mm && rise.abs() > (largest[axis] * delta_mm).abs() {
                 largest[axis] = rise / delta_mm;
             }
         }
