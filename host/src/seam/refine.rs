@@ -188,6 +188,7 @@ struct Section {
     bend: [Vec<f64>; 2],
     reach_mm: [f32; 2],
     half_mm: f32,
+    inner_mm: f32,
     length_mm: f32,
     closed: bool,
     views: usize,
@@ -198,6 +199,8 @@ struct Station {
     across: Vector2<f64>,
     normals: [Vector2<f64>; 2],
     fits: [Fit; 2],
+    /// Points of each face next to the seam and level with the station.
+    present: [usize; 2],
     view_share: [Vec<f32>; 2],
 }
 
@@ -215,6 +218,7 @@ impl Section {
             bend: [Vec::new(), Vec::new()],
             reach_mm: [0.0; 2],
             half_mm: config.half * voxel_mm,
+            inner_mm: scale.inner_mm,
             length_mm: path.step_mm * path.frames.len() as f32,
             closed: path.closed,
             views: merged.cameras_mm.len(),
@@ -328,15 +332,22 @@ impl Section {
             face::fit(&samples[0], self.bend[0][k], half, scratch)?,
             face::fit(&samples[1], self.bend[1][k], half, scratch)?,
         ];
-        // A station beyond the support of either face is no part of the seam.
-        let tail = 0.5 * f64::from(path.step_mm);
-        if !self.closed && fits.iter().any(|f| f.support.0 > tail || f.support.1 < -tail) {
-            return None;
-        }
+        // A station beside which either face has (almost) no points is beyond the end of the seam.
+        let beside = f64::from(path.step_mm);
+        let inner = f64::from(self.inner_mm);
+        let present = |f: usize| {
+            let fit = &fits[f];
+            let on = |p: &&Sample| {
+                let height = fit.offset + p.u * (fit.slope + fit.bend * p.u);
+                p.d.abs() < beside && p.u < inner && (p.h - height).abs() < 4.0 * fit.sigma
+            };
+            samples[f].iter().filter(on).count()
+        };
+        let present = [present(0), present(1)];
         let frame = &path.frames[k];
         let (across, normals) = intersect(frame, &fits)?;
         let view_share = [self.view_share(0, s), self.view_share(1, s)];
-        Some(Station { across, normals, fits, view_share })
+        Some(Station { across, normals, fits, present, view_share })
     }
 
     fn view_share(&self, face: usize, s: f32) -> Vec<f32> {
@@ -384,7 +395,7 @@ fn smoothed(
     voxel_mm: f32,
     config: &Config,
 ) -> Option<Refined> {
-    let good = trusted(stations, voxel_mm);
+    let good = trusted(&present(stations), voxel_mm);
     let longest_gap = (config.gap * voxel_mm / path.step_mm) as usize;
     let (from, to) = if path.closed { (0, good.len()) } else { longest_run(&good, longest_gap)? };
     let kept = &stations[from..to];
@@ -468,15 +479,27 @@ fn smoothed(
     })
 }
 
+/// Stations that have a fair share of points on both faces; the rest is beyond the end of the seam, or in a gap.
+fn present(stations: &[Option<Station>]) -> Vec<Option<&Station>> {
+    const FAIR_SHARE: f64 = 0.25;
+    let usual = |f: usize| {
+        let mut counts: Vec<f64> = stations.iter().flatten().map(|s| s.present[f] as f64).collect();
+        median(&mut counts)
+    };
+    let least = [FAIR_SHARE * usual(0), FAIR_SHARE * usual(1)];
+    let fair =
+        |s: &&Station| s.present[0] as f64 >= least[0].max(1.0) && s.present[1] as f64 >= least[1].max(1.0);
+    stations.iter().map(|s| s.as_ref().filter(fair)).collect()
+}
+
 /// Stations whose correction is near that of their neighbours.
-fn trusted(stations: &[Option<Station>], voxel_mm: f32) -> Vec<bool> {
+fn trusted(stations: &[Option<&Station>], voxel_mm: f32) -> Vec<bool> {
     let far = 3.3 * f64::from(voxel_mm);
     let mut good: Vec<bool> =
         stations.iter().map(|s| s.as_ref().is_some_and(|s| s.across.norm() < far)).collect();
     for axis in 0..2 {
         let index: Vec<usize> = (0..good.len()).filter(|&k| good[k]).collect();
-        let value: Vec<f64> =
-            index.iter().map(|&k| stations[k].as_ref().map_or(0.0, |s| s.across[axis])).collect();
+        let value: Vec<f64> = index.iter().map(|&k| stations[k].map_or(0.0, |s| s.across[axis])).collect();
         let running: Vec<f64> = (0..value.len())
             .map(|k| median(&mut value[k.saturating_sub(4)..(k + 5).min(value.len())].to_vec()))
             .collect();

@@ -33,20 +33,21 @@ impl<const D: usize> Samples<'_, D> {
     pub fn stiffness(&self, block_mm: f64) -> f64 {
         let n = self.values.len();
         let fitting = ((block_mm / self.step_mm).ceil() as usize).min(n / 6).max(1);
-        let misses: Vec<Vec<(f64, f64)>> = STIFFNESS.iter().map(|&s| self.misses(s, fitting)).collect();
+        let misses: Vec<Vec<Miss>> = STIFFNESS.iter().map(|&s| self.misses(s, fitting)).collect();
         // Large misses are outliers, not evidence; one bound for all, or soft curves would hide theirs.
         let middle =
-            |m: &Vec<(f64, f64)>| crate::normals::median(&mut m.iter().map(|x| x.0).collect::<Vec<_>>());
+            |m: &Vec<Miss>| crate::normals::median(&mut m.iter().map(|x| x.squared).collect::<Vec<_>>());
         let cap = 9.0 * misses.iter().map(middle).fold(f64::INFINITY, f64::min);
-        let error = |m: &Vec<(f64, f64)>| m.iter().map(|(miss, w)| miss.min(cap) * w).sum::<f64>();
-        let errors: Vec<f64> = misses.iter().map(error).collect();
-        let best = errors.iter().copied().fold(f64::INFINITY, f64::min);
-        let pick = errors.iter().rposition(|&e| e <= CLOSE * best).unwrap_or(0);
+        let errors: Vec<Vec<f64>> =
+            misses.iter().map(|m| block_errors(m, cap, n.div_ceil(fitting))).collect();
+        let total = |e: &Vec<f64>| e.iter().sum::<f64>();
+        let best = errors.iter().min_by(|a, b| total(a).total_cmp(&total(b)));
+        let pick = best.and_then(|best| errors.iter().rposition(|e| no_worse(e, best))).unwrap_or(0);
         STIFFNESS[pick]
     }
 
     /// Squared miss and weight of samples, predicted by a curve that saw neither their block nor half a block beside it.
-    fn misses(&self, stiffness: f64, per_block: usize) -> Vec<(f64, f64)> {
+    fn misses(&self, stiffness: f64, per_block: usize) -> Vec<Miss> {
         let n = self.values.len();
         let blocks = n.div_ceil(per_block);
         let guard = per_block.div_ceil(2);
@@ -69,7 +70,7 @@ impl<const D: usize> Samples<'_, D> {
             let curve = self.solve(&kept, stiffness);
             for k in (0..n).filter(|&k| judged(k) && self.weights[k] > 0.0) {
                 let miss: f64 = (0..D).map(|d| (curve[k][d] - self.values[k][d]).powi(2)).sum();
-                misses.push((miss, self.weights[k]));
+                misses.push(Miss { squared: miss, weight: self.weights[k], block: k / per_block });
             }
         }
         misses
@@ -87,6 +88,32 @@ impl<const D: usize> Samples<'_, D> {
         let around: Vec<f64> = (0..n + 2 * pad).map(|k| weights[at(k)]).collect();
         whittaker(&values, &around, stiffness / self.step_mm.powi(3))[pad..pad + n].to_vec()
     }
+}
+
+/// A sample predicted without it.
+struct Miss {
+    squared: f64,
+    weight: f64,
+    block: usize,
+}
+
+fn block_errors(misses: &[Miss], cap: f64, blocks: usize) -> Vec<f64> {
+    let mut errors = vec![0.0; blocks];
+    for m in misses {
+        errors[m.block] += m.squared.min(cap) * m.weight;
+    }
+    errors
+}
+
+/// Whether errors exceed the best ones by no more than a standard error of their difference: a few blocks cannot tell
+/// more, and the stiffer curve is the likelier one.
+fn no_worse(errors: &[f64], best: &[f64]) -> bool {
+    let n = errors.len() as f64;
+    let differences = || errors.iter().zip(best).map(|(e, b)| e - b);
+    let mean = differences().sum::<f64>() / n;
+    let variance = differences().map(|d| (d - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
+    let total: f64 = best.iter().sum::<f64>() / n;
+    mean <= (variance / n).sqrt().max((CLOSE - 1.0) * total)
 }
 
 /// Solves `(W + penalty DᵀD) f = W y`, D the second differences: five diagonals, so linear in the number of samples.
