@@ -5,6 +5,7 @@
 #![forbid(unsafe_code)]
 
 pub mod cloud;
+pub mod export;
 pub mod pipeline;
 pub mod seam;
 pub mod toolpath;
