@@ -6,6 +6,9 @@
 
 pub mod cloud;
 pub mod export;
+pub mod job;
 pub mod pipeline;
+pub mod postprocessing;
 pub mod seam;
+pub mod selection;
 pub mod toolpath;

@@ -137,7 +137,7 @@ mod tests {
     fn program() -> Vec<Waypoint> {
         let turn = |i: f64| UnitQuaternion::from_axis_angle(&Vector3::y_axis(), 0.37 * i);
         let at = |i: f64, kind| Waypoint {
-            position_mm: Point3::new(1234.567_891 + i, -0.1 * i, 1e-9),
+            position_mm: Point3::new(1_234.567_891 + i, -0.1 * i, 1e-9),
             base_from_torch: turn(i),
             feed_mm_s: 7.3,
             weld: kind == Kind::Weld,

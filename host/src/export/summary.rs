@@ -15,12 +15,22 @@ pub struct Summary {
     format: &'static str,
     version: u32,
     weldpath: &'static str,
-    inputs: Vec<String>,
+    #[serde(flatten)]
+    source: Source,
     derived: Vec<Parameter>,
     views: Vec<View>,
     seams: Vec<SeamSummary>,
     stages: Vec<Stage>,
     warnings: Vec<String>,
+}
+
+/// What was read, and how it was understood.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct Source {
+    /// Files, in the order of reading.
+    pub inputs: Vec<String>,
+    /// How they were understood, in words.
+    pub notes: Vec<String>,
 }
 
 #[derive(Debug, Serialize)]
@@ -63,13 +73,13 @@ struct Stage {
 }
 
 impl Summary {
-    /// Of a plan: `inputs` are the files read, `paths` those of the seams that were selected, as they are written.
-    pub fn new(plan: &Plan, inputs: Vec<String>, paths: &[SeamPath], warnings: Vec<String>) -> Self {
+    /// Of a plan: `paths` are those of the seams that were selected, as they are written.
+    pub fn new(plan: &Plan, source: Source, paths: &[SeamPath], warnings: Vec<String>) -> Self {
         Self {
             format: "weldpath-summary",
             version: VERSION,
             weldpath: env!("CARGO_PKG_VERSION"),
-            inputs,
+            source,
             derived: plan.derived.iter().map(parameter).collect(),
             views: plan.views.iter().map(view).collect(),
             seams: plan.seams.iter().map(|seam| seam_summary(seam, paths)).collect(),
