@@ -43,7 +43,9 @@ fn check(script: &str, waypoints: &[Waypoint], job: &Job) -> Result<(), String> 
     blends(&moves, waypoints)?;
     rotation_vectors_continue(&moves)?;
     switching(&events, waypoints, job)?;
-    tool(&events, job)
+    tool(&events, job)?;
+    let halts = || run(script, false).map(|events| events.last() == Some(&Event::Halt));
+    require(job.arc.established_input.is_none() || halts()?, || "welds without an arc".into())
 }
 
 fn a_move(event: &Event) -> Option<&Move> {
