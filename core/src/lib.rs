@@ -6,14 +6,17 @@
 //!
 //! | paper | module |
 //! |---|---|
-//! | II-B, Alg. 1 | `gesture` |
+//! | II-B, Alg. 1 | [`gesture`] |
 //! | II-E, eqs. (11)-(17) | `seam` |
 //! | II-F, eqs. (18)-(19) | [`path`] |
 #![no_std]
 #![forbid(unsafe_code)]
 
 pub mod geometry;
+pub mod gesture;
 pub mod math;
 pub mod path;
+pub mod rotation;
+pub mod seam;
 
 pub use geometry::{Direction, Orientation, Point, Vector};

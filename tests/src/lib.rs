@@ -2,3 +2,17 @@
 
 pub mod plans;
 pub mod urscript;
+
+use std::path::{Path, PathBuf};
+
+/// A file or folder of the data that lies beside a checkout, `shared/data/`, if it is there.
+///
+/// It is not part of the repository: a test without it says so and is skipped.
+pub fn shared_data(path: &str) -> Option<PathBuf> {
+    let beside = |folder: &Path| folder.join("shared/data").join(path);
+    let found = Path::new(env!("CARGO_MANIFEST_DIR")).ancestors().map(beside).find(|file| file.exists());
+    if found.is_none() {
+        println!("skipped: no shared/data/{path} beside the checkout");
+    }
+    found
+}

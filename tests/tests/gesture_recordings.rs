@@ -1,0 +1,154 @@
+//! The gesture mapping on recordings of real hands (Leap Motion), where they are present.
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::Path;
+
+use weldpath_core::gesture::{
+    Attitude, CameraPose, CaptureGesture, Config, Fingers, HandFrame, InteractionBox,
+};
+use weldpath_core::gesture::{Region, Steering};
+use weldpath_core::rotation::Arc;
+use weldpath_core::{Orientation, Point, Vector};
+use weldpath_tests::shared_data;
+
+const START: CameraPose =
+    CameraPose { position_mm: Point::new(400.0, 0.0, 300.0), orientation: Orientation::new_unchecked(DOWN) };
+const DOWN: nalgebra::Quaternion<f32> = nalgebra::Quaternion::new(0.0, 1.0, 0.0, 0.0);
+
+struct Recorded {
+    is_right: bool,
+    hand_id: u32,
+    by_angles: Option<Attitude>,
+    frame: HandFrame,
+}
+
+fn recorded(line: &str) -> Option<Recorded> {
+    let field: Vec<&str> = line.split(',').collect();
+    let number = |i: usize| field.get(i)?.parse::<f32>().ok();
+    let vector = |i: usize| Some(Vector::new(number(i)?, number(i + 1)?, number(i + 2)?));
+    let attitude = Attitude::from_direction_and_normal(&vector(6)?, &vector(9)?)?;
+    let mut extended = [false; 5];
+    for (finger, letter) in extended.iter_mut().zip(field.get(17)?.chars()) {
+        *finger = letter == '1';
+    }
+    let time_us = field.first()?.parse().ok()?;
+    let palm_mm = Point::from(vector(3)?);
+    Some(Recorded {
+        is_right: *field.get(2)? == "1",
+        hand_id: field.get(1)?.parse().ok()?,
+        by_angles: Attitude::from_roll_pitch_yaw(
+            [number(12)?, number(13)?, number(14)?].map(f32::to_radians),
+        ),
+        frame: HandFrame::new(time_us, palm_mm, attitude, number(15)?, number(16)?, Fingers::new(extended))?,
+    })
+}
+
+fn recording(file: &Path) -> Vec<Recorded> {
+    let text = fs::read_to_string(file).expect("readable");
+    let frames: Vec<_> = text.lines().skip(1).filter_map(recorded).collect();
+    assert_eq!(frames.len(), text.lines().count() - 1, "every recorded frame is finite and has a basis");
+    frames
+}
+
+fn recordings() -> Vec<(String, Vec<Recorded>)> {
+    let Some(folder) = shared_data("real/derived/leap") else { return Vec::new() };
+    let files = fs::read_dir(folder).expect("readable").map(|entry| entry.expect("readable").path());
+    files.map(|file| (file.file_stem().unwrap().to_string_lossy().into_owned(), recording(&file))).collect()
+}
+
+/// Follows everything at once: no dead band, no cap.
+fn direct() -> Config {
+    Config { turn_dead_band_rad: 0.0, max_turn_rad_s: 1e6, ..Config::default() }
+}
+
+fn degrees_between(a: &Orientation, b: &Orientation) -> f32 {
+    Arc::between(a, b).angle_rad().to_degrees()
+}
+
+#[test]
+fn on_wave_no_camera_turn_is_larger_than_the_hand_makes() {
+    let Some(file) = shared_data("real/derived/leap/wave.csv") else { return };
+    let frames = recording(&file);
+    // A box that the whole wave stays in: rotation mode throughout.
+    let home = InteractionBox::new(Point::new(74.0, 188.0, 40.0), 100.0).unwrap();
+    let hand_turns = frames
+        .windows(2)
+        .map(|pair| degrees_between(&pair[0].frame.sensor_from_hand(), &pair[1].frame.sensor_from_hand()));
+    for config in [direct(), Config::default()] {
+        let turns = camera_turns(&frames, Config { interaction_box: home, ..config });
+        // The first two frames say where the hand is and turn the camera there.
+        for (camera, hand) in turns.iter().zip(hand_turns.clone()).skip(1) {
+            assert!(*camera <= hand.max(config.max_turn_rad_s.min(1.0).to_degrees() * 0.01) + 1e-3);
+        }
+        assert!(turns.iter().skip(1).all(|&turn| turn < 7.35), "7.3 degrees is the wave's own largest");
+    }
+}
+
+/// Degrees the camera turns from each frame to the next.
+fn camera_turns(frames: &[Recorded], config: Config) -> Vec<f32> {
+    let mut steering = Steering::new(config);
+    let mut camera = START;
+    let turn = |recorded: &Recorded| {
+        let jog = steering.follow(Some(&recorded.frame), &camera);
+        assert_eq!(jog.region, Some(Region::Home));
+        let turn = degrees_between(&camera.orientation, &jog.target.orientation);
+        camera = jog.target;
+        turn
+    };
+    frames.iter().map(turn).skip(1).collect()
+}
+
+#[test]
+fn on_wave_leaps_three_angles_are_no_rotation_and_the_documented_limit_is_real() {
+    let Some(file) = shared_data("real/derived/leap/wave.csv") else { return };
+    let attitudes: Vec<_> = recording(&file).iter().filter_map(|r| r.by_angles).collect();
+    let jump = |pair: &[Attitude]| degrees_between(&pair[0].orientation(), &pair[1].orientation());
+    assert!(attitudes.windows(2).map(jump).fold(0.0, f32::max) > 90.0);
+}
+
+#[test]
+fn with_default_caps_no_recording_moves_the_camera_faster_than_they_say() {
+    let config = Config::default();
+    for (name, frames) in recordings() {
+        let hands: BTreeSet<u32> = frames.iter().map(|r| r.hand_id).collect();
+        for hand in hands {
+            let mut steering = Steering::new(config);
+            let mut camera = START;
+            let mut before_us = None;
+            for Recorded { frame, .. } in frames.iter().filter(|r| r.hand_id == hand) {
+                let target = steering.follow(Some(frame), &camera).target;
+                let elapsed_s = before_us.map_or(0.0, |t: u64| (frame.time_us() - t) as f32 * 1e-6);
+                let moved_mm = (target.position_mm - camera.position_mm).norm();
+                let turned_rad = degrees_between(&target.orientation, &camera.orientation).to_radians();
+                assert!(moved_mm <= config.max_speed_mm_s * elapsed_s + 1e-3, "{name}: {moved_mm} mm");
+                assert!(turned_rad <= config.max_turn_rad_s * elapsed_s + 1e-5, "{name}: {turned_rad} rad");
+                before_us = Some(frame.time_us());
+                camera = target;
+            }
+        }
+    }
+}
+
+#[test]
+fn the_recordings_visit_six_regions_and_hold_no_full_ok() {
+    let all = recordings();
+    if all.is_empty() {
+        return;
+    }
+    let mut visited = BTreeSet::new();
+    let mut captures = 0;
+    for (_, frames) in &all {
+        let (mut steering, mut capture) = (Steering::new(Config::default()), CaptureGesture::default());
+        for Recorded { frame, is_right, .. } in frames {
+            visited.extend(steering.follow(Some(frame), &START).region.map(|region| format!("{region:?}")));
+            if *is_right {
+                captures += u32::from(capture.observe(Some(frame), frame.time_us()));
+            }
+        }
+    }
+    println!("regions visited: {visited:?}; captures: {captures}");
+    assert!(visited.len() >= 6, "{visited:?}");
+    // Pinches without a fist occur, but with the other fingers folded.
+    assert_eq!(captures, 0);
+}
