@@ -6,5 +6,6 @@
 
 pub mod cloud;
 pub mod pipeline;
+pub mod scan;
 pub mod seam;
 pub mod toolpath;
