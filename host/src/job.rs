@@ -10,6 +10,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use crate::export::urscript;
+use crate::pipeline;
 use crate::toolpath::program::Motion;
 use crate::toolpath::resampling::Sampling;
 use quantity::{
@@ -21,7 +22,7 @@ use quantity::{
 const DEFAULT_SPACING_MM: f64 = 2.0;
 
 /// Unit of a cloud whose file does not say it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum Units {
     /// Metres.
@@ -34,7 +35,7 @@ pub enum Units {
 }
 
 /// How seams are found.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum Method {
     /// The whole pipeline.
@@ -195,15 +196,19 @@ impl Job {
     /// Parses the text of the job file at `path`, which is only named in errors.
     pub fn parse(text: &str, path: &Path) -> Result<Self, Error> {
         let job: Self = toml::from_str(text).map_err(|error| line_error(text, path, &error))?;
+        let refuse = |key: &str, why: &str, hint: &str| {
+            let line = 1 + text.lines().position(|line| line.trim_start().starts_with(key)).unwrap_or(0);
+            Err(Error::Line { path: path.into(), line, why: why.into(), hint: hint.into() })
+        };
         if job.path.spacing_mm.is_some() && job.path.points.is_some() {
-            let at = text.find("points").unwrap_or(0);
-            let why = "spacing_mm and points exclude each other".to_owned();
-            return Err(Error::Line {
-                path: path.into(),
-                line: line_of(text, at),
-                why,
-                hint: "keep one of the two lines".into(),
-            });
+            return refuse("points", "spacing_mm and points exclude each other", "keep one of the two lines");
+        }
+        if job.ratio_threshold.is_some() && job.method == Method::Weldpath {
+            return refuse(
+                "ratio_threshold",
+                "only the paper's method has a ratio_threshold",
+                "add method = \"paper\", or leave the threshold to be found from the data",
+            );
         }
         Ok(job)
     }
@@ -212,6 +217,18 @@ impl Job {
     pub fn to_toml(&self) -> String {
         // Every type in it has a TOML form.
         toml::to_string(self).unwrap_or_default()
+    }
+
+    /// The settings of the pipeline.
+    pub fn pipeline(&self) -> pipeline::Config {
+        let method = match self.method {
+            Method::Weldpath => pipeline::Method::Weldpath,
+            Method::Paper => {
+                let ratio_threshold = self.ratio_threshold.unwrap_or_default().get();
+                pipeline::Method::Paper { ratio_threshold }
+            }
+        };
+        pipeline::Config { method }
     }
 
     /// How densely the paths are sampled.
@@ -365,8 +382,9 @@ payload_kg = 2.1
     }
 
     #[test]
-    fn spacing_and_points_together_are_refused() {
+    fn settings_that_exclude_each_other_are_refused() {
         assert_eq!(refused("[path]\nspacing_mm = 2\npoints = 9").0, 3);
+        assert_eq!(refused("units = \"m\"\nratio_threshold = 60").0, 2);
     }
 
     #[test]

@@ -9,6 +9,7 @@ pub mod export;
 pub mod job;
 pub mod pipeline;
 pub mod postprocessing;
+pub mod scan;
 pub mod seam;
 pub mod selection;
 pub mod toolpath;

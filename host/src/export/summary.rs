@@ -88,6 +88,11 @@ impl Summary {
         }
     }
 
+    /// What the user should know about the run; what concerns one seam stands there.
+    pub fn warnings(&self) -> &[String] {
+        &self.warnings
+    }
+
     /// The file's text.
     pub fn to_json(&self) -> String {
         // Strings, numbers and lists only: there is nothing serde_json could refuse.

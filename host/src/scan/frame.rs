@@ -1,0 +1,127 @@
+//! Whose frame does a single cloud live in: that of a camera at its origin, or another?
+//!
+//! A camera sees along each ray once. So: all points in front of the origin within a field of view, and almost no two
+//! points on one ray at clearly different depths, at the angular spacing of the cloud itself.
+
+use std::collections::HashMap;
+
+use nalgebra::Vector3;
+
+use super::raw::{Extent, Raw};
+
+/// Half of the widest field of view, as a cosine: 50 degrees.
+const LEAST_COSINE: f64 = 0.642_787_609_686_539_3;
+/// Points that are looked at.
+const SAMPLE: usize = 60_000;
+/// Share of points that may break a rule: silhouettes and flying pixels do.
+const TOLERATED: f64 = 0.03;
+/// Fewer points prove nothing.
+const FEWEST: usize = 50;
+
+/// Where the camera stood, in the cloud's own coordinates and unit, if the cloud bears it out.
+pub(super) fn camera_of(raw: &Raw, extent: &Extent, notes: &mut Vec<String>) -> Option<Vector3<f64>> {
+    let origin = Vector3::zeros();
+    let candidates = raw.viewpoint.into_iter().filter(|at| *at != origin).chain([origin]);
+    let mut refusals = Vec::new();
+    for at in candidates {
+        let name = if at == origin { "the origin".into() } else { format!("VIEWPOINT {:?}", at.as_slice()) };
+        match evidence(raw, at, extent) {
+            Ok(why) => {
+                notes.push(format!("frame: a camera at {name} ({why})"));
+                return Some(at);
+            }
+            Err(why) => refusals.push(format!("no camera at {name}: {why}")),
+        }
+    }
+    notes.push(format!("frame: unknown camera position ({})", refusals.join("; ")));
+    None
+}
+
+/// Why a camera at `at` did, or why it did not, take this cloud.
+fn evidence(raw: &Raw, at: Vector3<f64>, extent: &Extent) -> Result<String, String> {
+    let n = raw.positions.len();
+    if n < FEWEST {
+        return Err(format!("{n} points prove nothing"));
+    }
+    let step = n.div_ceil(SAMPLE);
+    let rays: Vec<Vector3<f64>> = (0..n).step_by(step).map(|i| raw.positions.at(i) - at).collect();
+    let axis = optical_axis(&rays, at, extent)?;
+    let nearest = rays.iter().map(|ray| ray.dot(&axis)).fold(f64::INFINITY, f64::min);
+    let outside = share(&rays, |ray| ray.dot(&axis) < LEAST_COSINE * ray.norm());
+    if nearest <= 0.0 || outside > 0.0 {
+        return Err(format!(
+            "{:.1} % of the points are outside a field of view of 100 degrees",
+            100.0 * outside
+        ));
+    }
+    let hidden = hidden_share(&rays, &axis);
+    match hidden <= TOLERATED {
+        true => Ok(format!("one depth per ray for all but {:.1} % of the points", 100.0 * hidden)),
+        false => Err(format!("{:.1} % of the points would be hidden by others", 100.0 * hidden)),
+    }
+}
+
+/// The axis of the frame that the cloud is seen along: +z as usual, -z as in OpenGL.
+/// About a VIEWPOINT the axes say nothing, so it is the direction of the cloud's middle.
+fn optical_axis(rays: &[Vector3<f64>], at: Vector3<f64>, extent: &Extent) -> Result<Vector3<f64>, String> {
+    if at != Vector3::zeros() {
+        return (extent.middle - at).try_normalize(0.0).ok_or_else(|| "the cloud surrounds it".into());
+    }
+    let ahead = share(rays, |ray| ray.z > 0.0);
+    match ahead {
+        1.0 => Ok(Vector3::z()),
+        0.0 => Ok(-Vector3::z()),
+        _ => Err(format!("{:.1} % of the points are ahead in z, the others behind", 100.0 * ahead)),
+    }
+}
+
+fn share(rays: &[Vector3<f64>], holds: impl Fn(&Vector3<f64>) -> bool) -> f64 {
+    rays.iter().filter(|ray| holds(ray)).count() as f64 / rays.len() as f64
+}
+
+/// Share of the points that share their ray with a clearly nearer one.
+fn hidden_share(rays: &[Vector3<f64>], axis: &Vector3<f64>) -> f64 {
+    let right = axis.cross(&least_aligned(axis)).normalize();
+    let down = axis.cross(&right);
+    let image: Vec<[f64; 3]> = rays
+        .iter()
+        .map(|ray| {
+            let depth = ray.dot(axis);
+            [ray.dot(&right) / depth, ray.dot(&down) / depth, depth]
+        })
+        .collect();
+    let pixel = angular_spacing(&image);
+    let mut nearest = HashMap::with_capacity(image.len());
+    for [u, v, depth] in &image {
+        let seen: &mut f64 = nearest.entry(cell(*u, *v, pixel)).or_insert(f64::INFINITY);
+        *seen = seen.min(*depth);
+    }
+    // A surface seen at 85 degrees from its normal changes its depth by 11.4 pixels' widths from pixel to pixel.
+    let clear = 1.0 + 11.4 * pixel;
+    let hidden = image.iter().filter(|[u, v, depth]| *depth > clear * nearest[&cell(*u, *v, pixel)]).count();
+    hidden as f64 / image.len() as f64
+}
+
+fn least_aligned(axis: &Vector3<f64>) -> Vector3<f64> {
+    let mut basis = Vector3::zeros();
+    basis[axis.iamin()] = 1.0;
+    basis
+}
+
+fn cell(u: f64, v: f64, size: f64) -> (i64, i64) {
+    ((u / size).floor() as i64, (v / size).floor() as i64)
+}
+
+/// Spacing of the image points: the side of a square that holds one point on average, over the area they cover.
+fn angular_spacing(image: &[[f64; 3]]) -> f64 {
+    let span = |k: usize| {
+        let (low, high) = image
+            .iter()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), p| (low.min(p[k]), high.max(p[k])));
+        high - low
+    };
+    let whole = (span(0).max(1e-9) * span(1).max(1e-9) / image.len() as f64).sqrt();
+    let coarse = 4.0 * whole;
+    let covered: std::collections::HashSet<_> = image.iter().map(|[u, v, _]| cell(*u, *v, coarse)).collect();
+    coarse * (covered.len() as f64 / image.len() as f64).sqrt()
+}
