@@ -39,6 +39,24 @@ pub struct Waypoint {
     pub kind: Kind,
 }
 
+/// The straight move from one waypoint to the next.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Segment {
+    /// Speed, mm/s.
+    pub feed_mm_s: f64,
+    /// Whether the arc burns.
+    pub weld: bool,
+}
+
+/// The segment that begins at each waypoint, for controllers that keep feed and weld where a move begins. The last
+/// waypoint begins none: it gets its own feed and no arc.
+pub fn segments(waypoints: &[Waypoint]) -> impl Iterator<Item = Segment> + '_ {
+    waypoints.iter().enumerate().map(|(i, here)| match waypoints.get(i + 1) {
+        Some(next) => Segment { feed_mm_s: next.feed_mm_s, weld: here.weld && next.weld && here.seam == next.seam },
+        None => Segment { feed_mm_s: here.feed_mm_s, weld: false },
+    })
+}
+
 /// How the torch moves.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Motion {
@@ -192,6 +210,15 @@ mod tests {
         let program = program(&[line(1, 0.0, 0.0)], &model(), &MOTION);
         let feeds: Vec<f64> = program.waypoints.iter().map(|w| w.feed_mm_s).collect();
         assert_eq!(feeds, [100.0, 100.0, 20.0, 8.0, 8.0, 8.0, 8.0, 20.0, 100.0]);
+    }
+
+    #[test]
+    fn segments_burn_between_the_waypoints_of_one_seam_and_nowhere_else() {
+        let waypoints = program(&[line(1, 0.0, 0.0), line(2, 40.0, 0.0)], &model(), &MOTION).waypoints;
+        let segments: Vec<Segment> = segments(&waypoints).collect();
+        assert_eq!(segments.len(), waypoints.len());
+        assert_eq!(segments.iter().filter(|segment| segment.weld).count(), 2 * 4);
+        assert!(segments.iter().all(|segment| segment.weld == (segment.feed_mm_s == 8.0)));
     }
 
     #[test]
