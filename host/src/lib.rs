@@ -5,6 +5,8 @@
 #![forbid(unsafe_code)]
 
 pub mod cloud;
+pub mod evaluation;
 pub mod pipeline;
 pub mod seam;
+pub mod simulation;
 pub mod toolpath;
