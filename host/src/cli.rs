@@ -2,6 +2,7 @@
 
 mod plan;
 mod progress;
+mod simulate;
 mod table;
 
 use std::io::Write;
@@ -23,12 +24,14 @@ pub(crate) struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     Plan(plan::Args),
+    Simulate(simulate::Args),
 }
 
 /// Runs a subcommand and tells a failure in words on standard error.
 pub(crate) fn run(cli: Cli) -> ExitCode {
     let result = match &cli.command {
         Command::Plan(args) => plan::run(args),
+        Command::Simulate(args) => simulate::run(args),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -5,6 +5,7 @@
 #![forbid(unsafe_code)]
 
 pub mod cloud;
+pub mod evaluation;
 pub mod export;
 pub mod job;
 pub mod pipeline;
@@ -12,4 +13,5 @@ pub mod postprocessing;
 pub mod scan;
 pub mod seam;
 pub mod selection;
+pub mod simulation;
 pub mod toolpath;

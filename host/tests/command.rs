@@ -46,7 +46,8 @@ fn wrong_usage_is_2_and_says_what_is_right() {
 #[test]
 fn a_job_file_with_a_slip_is_2_with_the_line_and_the_right_name() {
     let home = home();
-    std::fs::write(home.path().join("job.toml"), "input = \"flat.xyz\"\n[path]\nfeed_mm_min = 480\n").unwrap();
+    std::fs::write(home.path().join("job.toml"), "input = \"flat.xyz\"\n[path]\nfeed_mm_min = 480\n")
+        .unwrap();
     let output = weldpath(home.path(), &["plan", "--job", "job.toml"]);
     assert_eq!(output.status.code(), Some(2));
     for part in ["job.toml:3", "feed_mm_min", "did you mean `feed_mm_s`?"] {

@@ -52,7 +52,9 @@ pub struct Segment {
 /// waypoint begins none: it gets its own feed and no arc.
 pub fn segments(waypoints: &[Waypoint]) -> impl Iterator<Item = Segment> + '_ {
     waypoints.iter().enumerate().map(|(i, here)| match waypoints.get(i + 1) {
-        Some(next) => Segment { feed_mm_s: next.feed_mm_s, weld: here.weld && next.weld && here.seam == next.seam },
+        Some(next) => {
+            Segment { feed_mm_s: next.feed_mm_s, weld: here.weld && next.weld && here.seam == next.seam }
+        }
         None => Segment { feed_mm_s: here.feed_mm_s, weld: false },
     })
 }
