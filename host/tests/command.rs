@@ -84,3 +84,40 @@ fn nothing_but_the_message_is_printed_without_a_terminal() {
     let output = weldpath(home.path(), &["plan", "flat.xyz"]);
     assert!(!stderr(&output).contains('\u{1b}'), "no bar, no colour: {}", stderr(&output));
 }
+
+#[test]
+fn a_simulated_scan_is_read_by_plan() {
+    let home = home();
+    let simulate = ["simulate", "--part", "box", "--views", "2", "--size", "160x120", "--out", "scan"];
+    let output = weldpath(home.path(), &simulate);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    assert!(String::from_utf8_lossy(&output.stdout).contains("2 views, 0 seams"));
+    for file in ["scan.json", "truth.json", "view_000.png", "view_001.png"] {
+        assert!(home.path().join("scan").join(file).exists(), "{file}");
+    }
+    let output = weldpath(home.path(), &["plan", "scan", "--quiet"]);
+    assert_eq!(output.status.code(), Some(3), "a box has no seam: {}", stderr(&output));
+}
+
+#[test]
+fn a_scan_that_was_not_simulated_is_never_overwritten() {
+    let home = home();
+    std::fs::write(home.path().join("scan.json"), "precious").unwrap();
+    let output = weldpath(home.path(), &["simulate", "--part", "box", "--out", "."]);
+    assert_eq!(output.status.code(), Some(5));
+    assert_eq!(std::fs::read_to_string(home.path().join("scan.json")).unwrap(), "precious");
+}
+
+#[test]
+fn a_part_or_size_that_is_not_known_is_2_with_the_choices() {
+    let home = home();
+    for (option, value, part) in
+        [("--part", "tee", "fillet"), ("--size", "big", "640x480"), ("--views", "0", "views")]
+    {
+        let arguments = ["simulate", "--out", "s", option, value, "--part", "box"];
+        let count = if option == "--part" { 5 } else { 7 };
+        let output = weldpath(home.path(), &arguments[..count]);
+        assert_eq!(output.status.code(), Some(2), "{option} {value}");
+        assert!(stderr(&output).contains(part), "{}", stderr(&output));
+    }
+}
