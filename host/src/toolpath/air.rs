@@ -14,6 +14,9 @@ use crate::cloud::PointCloud;
 /// Radius of a common MIG nozzle with some air around it, mm.
 const TORCH_RADIUS_MM: f64 = 15.0;
 
+/// Places nearer than this are one.
+const SAME_PLACE_MM: f64 = 1e-3;
+
 /// What the torch stays clear of between seams.
 #[derive(Debug)]
 pub struct Surroundings<'a> {
@@ -26,7 +29,7 @@ pub struct Surroundings<'a> {
 /// A way from a retract point to the safe level.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WayOut {
-    /// Places to pass, in order; the last is on the safe level.
+    /// Places to pass, in order; the last is on the safe level. Empty if the retract point is there already.
     pub via_mm: Vec<Point3<f64>>,
     /// Whether the scanned points leave room for the torch.
     pub free: bool,
@@ -49,12 +52,12 @@ impl<'a> Surroundings<'a> {
     pub fn way_out(&self, retract_mm: Point3<f64>, out_of_work: Vector3<f64>, approach_mm: f64) -> WayOut {
         let radius_mm = TORCH_RADIUS_MM.min(0.5 * approach_mm);
         if self.is_free(retract_mm, self.up.into_inner(), radius_mm) {
-            return WayOut { via_mm: vec![self.lift(retract_mm)], free: true };
+            return WayOut { via_mm: moves(retract_mm, [self.lift(retract_mm)]), free: true };
         }
         let beyond_mm = retract_mm + out_of_work * self.distance_out_mm(retract_mm, out_of_work);
         let free = self.is_free(retract_mm, out_of_work, radius_mm)
             && self.is_free(beyond_mm, self.up.into_inner(), radius_mm);
-        WayOut { via_mm: vec![beyond_mm, self.lift(beyond_mm)], free }
+        WayOut { via_mm: moves(retract_mm, [beyond_mm, self.lift(beyond_mm)]), free }
     }
 
     /// The place on the safe level above `p`, or `p` if that is higher.
@@ -84,6 +87,14 @@ impl<'a> Surroundings<'a> {
             })
             .fold(f64::INFINITY, f64::min)
     }
+}
+
+/// Those of `places_mm` that are a move away from the one before: controllers refuse moves of no length.
+fn moves<const N: usize>(from_mm: Point3<f64>, places_mm: [Point3<f64>; N]) -> Vec<Point3<f64>> {
+    let mut at_mm = from_mm;
+    let is_move =
+        |place: &Point3<f64>| (place - std::mem::replace(&mut at_mm, *place)).norm() > SAME_PLACE_MM;
+    places_mm.into_iter().filter(is_move).collect()
 }
 
 fn up(paths: &[SeamPath]) -> UnitVector3<f64> {
@@ -121,6 +132,16 @@ mod tests {
         let around = Surroundings::new(&model, &pointing(Vector3::z()), 30.0);
         let way = around.way_out(Point3::new(100.0, 100.0, 20.0), Vector3::z(), 20.0);
         assert_eq!(way, WayOut { via_mm: vec![Point3::new(100.0, 100.0, 30.0)], free: true });
+    }
+
+    #[test]
+    fn a_retract_point_on_the_safe_level_needs_no_move() {
+        let model = plate(&[]);
+        let around = Surroundings::new(&model, &pointing(Vector3::z()), 30.0);
+        for z_mm in [30.0, 45.0] {
+            let way = around.way_out(Point3::new(100.0, 100.0, z_mm), Vector3::z(), 20.0);
+            assert_eq!(way, WayOut { via_mm: vec![], free: true });
+        }
     }
 
     #[test]
