@@ -1,5 +1,6 @@
 //! Command line: subcommands, exit codes, and how a failure is told.
 
+mod evaluate;
 mod plan;
 mod progress;
 mod simulate;
@@ -25,6 +26,7 @@ pub(crate) struct Cli {
 enum Command {
     Plan(plan::Args),
     Simulate(simulate::Args),
+    Evaluate(evaluate::Args),
 }
 
 /// Runs a subcommand and tells a failure in words on standard error.
@@ -32,6 +34,7 @@ pub(crate) fn run(cli: Cli) -> ExitCode {
     let result = match &cli.command {
         Command::Plan(args) => plan::run(args),
         Command::Simulate(args) => simulate::run(args),
+        Command::Evaluate(args) => evaluate::run(args),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -121,3 +121,38 @@ fn a_part_or_size_that_is_not_known_is_2_with_the_choices() {
         assert!(stderr(&output).contains(part), "{}", stderr(&output));
     }
 }
+
+#[test]
+fn a_path_that_is_the_truth_scores_full_marks() {
+    let home = home();
+    let simulate = ["simulate", "--part", "fillet", "--views", "2", "--size", "160x120", "--out", "scan"];
+    assert!(weldpath(home.path(), &simulate).status.success());
+    let truth: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(home.path().join("scan/truth.json")).unwrap()).unwrap();
+    let mut csv = "seam,x_mm,y_mm,z_mm\n".to_owned();
+    for seam in truth["seams"].as_array().unwrap() {
+        for p in seam["p"].as_array().unwrap() {
+            csv += &format!("{},{},{},{}\n", seam["name"], p[0], p[1], p[2]);
+        }
+    }
+    std::fs::write(home.path().join("path.csv"), csv).unwrap();
+    let arguments = ["evaluate", "path.csv", "--truth", "scan/truth.json"];
+    let json = weldpath(home.path(), &[arguments.as_slice(), &["--json"]].concat());
+    let scores: serde_json::Value = serde_json::from_slice(&json.stdout).unwrap();
+    assert!(scores["rmse_p"].as_f64().unwrap() < 1e-3, "{scores}");
+    assert_eq!((scores["coverage"].as_f64(), scores["false_frac"].as_f64()), (Some(1.0), Some(0.0)));
+    let table = weldpath(home.path(), &arguments);
+    assert!(String::from_utf8_lossy(&table.stdout).contains("coverage               100.0 %"));
+}
+
+#[test]
+fn a_truth_that_cannot_be_read_is_4() {
+    let home = home();
+    std::fs::write(home.path().join("path.csv"), "x_mm,y_mm,z_mm\n1,2,3\n").unwrap();
+    std::fs::write(home.path().join("truth.json"), "{").unwrap();
+    for truth in ["none.json", "truth.json"] {
+        let output = weldpath(home.path(), &["evaluate", "path.csv", "--truth", truth]);
+        assert_eq!(output.status.code(), Some(4));
+        assert!(stderr(&output).contains(truth), "{}", stderr(&output));
+    }
+}
