@@ -32,16 +32,19 @@ pub(super) const PRIMESENSE: Camera =
 /// Deflate grows its input by at most this (zlib's technical details).
 const DEFLATE_GROWTH: u64 = 1032;
 
+/// What a focal length or an image's centre can be, in pixels.
+const PIXELS: std::ops::RangeInclusive<f64> = 1.0..=1e6;
+
 impl Camera {
     /// The first field that no camera can have, and why.
     pub(super) fn fault(&self) -> Option<(&'static str, String)> {
-        let fields = [("fx", self.fx), ("fy", self.fy), ("depth_scale_m", self.depth_scale_m)];
-        let not_positive = fields.into_iter().find(|(_, v)| !(v.is_finite() && *v > 0.0));
-        let not_finite = [("cx", self.cx), ("cy", self.cy)].into_iter().find(|(_, v)| !v.is_finite());
-        if let Some((name, value)) = not_positive {
-            Some((name, format!("{value} is not above 0")))
-        } else if let Some((name, value)) = not_finite {
-            Some((name, format!("{value} is not finite")))
+        let focal = [("fx", self.fx), ("fy", self.fy)].into_iter().find(|(_, v)| !PIXELS.contains(v));
+        let centre =
+            [("cx", self.cx), ("cy", self.cy)].into_iter().find(|(_, v)| !PIXELS.contains(&v.abs().max(1.0)));
+        if let Some((name, value)) = focal.or(centre) {
+            Some((name, format!("{value} is no number of pixels that a lens could have")))
+        } else if !(self.depth_scale_m.is_finite() && self.depth_scale_m > 0.0) {
+            Some(("depth_scale_m", format!("{} is not above 0", self.depth_scale_m)))
         } else if self.depth_scale_m > 0.1 {
             Some((
                 "depth_scale_m",

@@ -27,6 +27,8 @@ const VIEW_KEYS: &[&str] = &["depth", "cloud", "frame", "camera_m", "base_from_f
 const LONGEST_REACH_MM: f64 = 50_000.0;
 /// Farther from the flange no camera is, mm.
 const LONGEST_MOUNT_MM: f64 = 5_000.0;
+/// No rotation vector is longer, not even in degrees.
+const MOST_TURN_RAD: f64 = 1000.0;
 /// How far the 3x3 part may be from a rotation: a matrix written with three decimals.
 const RIGID: f64 = 2e-3;
 
@@ -145,7 +147,7 @@ fn unit(manifest: &Manifest, options: &Options, scan: &mut Scan) -> Unit {
             (Unit::Metre, "the default of scan.json")
         }
     };
-    scan.notes.push(format!("units: {} mm per unit of scan.json ({why})", unit.mm()));
+    scan.notes.push(format!("units: {} ({why})", unit.name()));
     unit
 }
 
@@ -305,6 +307,9 @@ impl Job<'_> {
         };
         let at_mm = Vector3::new(x, y, z) * self.unit.mm();
         self.check_reach(i, "base_from_flange", at_mm)?;
+        if Vector3::new(rx, ry, rz).amax() > MOST_TURN_RAD {
+            return self.bad(i, "base_from_flange", "its last three numbers are a rotation vector in rad");
+        }
         let rotation = UnitQuaternion::from_scaled_axis(Vector3::new(rx, ry, rz));
         Ok(Isometry3::from_parts(Translation3::from(at_mm), rotation) * flange_from_camera)
     }

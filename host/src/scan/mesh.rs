@@ -7,7 +7,7 @@ use std::path::Path;
 
 use nalgebra::{Point3, Vector3};
 
-use super::raw::{Extent, Positions, Raw};
+use super::raw::{Extent, FARTHEST, Positions, Raw};
 use super::{Error, name_of, translation, whole_mm};
 use crate::cloud::View;
 
@@ -118,7 +118,7 @@ pub(super) fn sample(
     }
     let flat = raw.triangles.len() - facets.len();
     if flat > 0 {
-        notes.push(format!("left {flat} triangles without area"));
+        notes.push(format!("left {flat} triangles without area or with a corner that is not finite"));
     }
     let coarse = extent.diagonal * mm_per_unit * SPACING_SHARE;
     let own = (area / raw.positions.len().max(1) as f64).sqrt();
@@ -132,6 +132,10 @@ pub(super) fn sample(
 }
 
 fn facet(raw: &Raw, corners: [usize; 3], origin: Vector3<f64>, mm_per_unit: f64) -> Option<Facet> {
+    let usable = |i: &usize| raw.positions.at(*i).iter().all(|c| c.abs() <= FARTHEST);
+    if !corners.iter().all(usable) {
+        return None;
+    }
     let [a, b, c] = corners.map(|i| (raw.positions.at(i) - origin) * mm_per_unit);
     let sides = [b - a, c - a];
     let across = sides[0].cross(&sides[1]);

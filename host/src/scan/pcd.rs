@@ -198,3 +198,97 @@ fn bad_header(error: &pcd_rs::error::Error, path: &Path) -> Error {
     };
     Error::malformed(path, place, problem, "Export the cloud again as PCD 0.7 or as PLY")
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// y, 3 bytes of padding, z, x: in an order that no default has.
+    const POINTS: [[f32; 3]; 3] = [[0.5, -1.25, 300.0], [f32::NAN, 2.0, 3.0], [1e-3, 0.0, -7.0]];
+
+    fn header(data: &str, points: usize) -> Vec<u8> {
+        format!(
+            "# .PCD v.7\nVERSION .7\nFIELDS y _ z x\nSIZE 4 1 4 4\nTYPE F U F F\nCOUNT 1 3 1 1\nWIDTH 1\n\
+             HEIGHT {points}\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {points}\nDATA {data}\n"
+        )
+        .into_bytes()
+    }
+
+    fn binary() -> Vec<u8> {
+        let rows = POINTS.iter().flat_map(|[x, y, z]| {
+            [&y.to_le_bytes()[..], &[9, 9, 9], &z.to_le_bytes(), &x.to_le_bytes()].concat()
+        });
+        header("binary", 3).into_iter().chain(rows).collect()
+    }
+
+    /// Column by column, in runs of literals.
+    fn compressed() -> Vec<u8> {
+        let column = |k: usize| POINTS.iter().flat_map(move |p| p[k].to_le_bytes());
+        let columns: Vec<u8> = column(1).chain([9; 9]).chain(column(2)).chain(column(0)).collect();
+        let packed: Vec<u8> = columns.chunks(32).flat_map(|c| [&[c.len() as u8 - 1], c].concat()).collect();
+        let sizes = [(packed.len() as u32).to_le_bytes(), (columns.len() as u32).to_le_bytes()].concat();
+        [header("binary_compressed", 3), sizes, packed].concat()
+    }
+
+    fn ascii() -> Vec<u8> {
+        let rows = POINTS.iter().flat_map(|[x, y, z]| format!("{y} 9 9 9 {z} {x}\n").into_bytes());
+        header("ascii", 3).into_iter().chain(rows).collect()
+    }
+
+    fn same(positions: &Positions) {
+        let Positions::Single(points) = positions else { panic!("the file is in single precision") };
+        let bits = |p: [f32; 3]| p.map(f32::to_bits);
+        let read: Vec<_> = points.iter().map(|p| bits([p.x, p.y, p.z])).collect();
+        assert_eq!(read, POINTS.map(bits));
+    }
+
+    #[test]
+    fn every_encoding_gives_the_same_points() {
+        for bytes in [binary(), compressed(), ascii()] {
+            same(&parse(&bytes, Path::new("a.pcd")).unwrap().positions);
+        }
+    }
+
+    #[test]
+    fn the_fast_path_agrees_with_the_library() {
+        let bytes = binary();
+        let meta = PcdMeta::from_reader(&bytes[..]).unwrap();
+        let columns = Columns::of(&meta.field_defs, Path::new("a.pcd")).unwrap();
+        assert!(columns.layout.is_some());
+        same(&by_library(&bytes, 0, &columns, 3, Path::new("a.pcd")).unwrap());
+    }
+
+    #[test]
+    fn double_precision_and_integers_keep_their_digits() {
+        let text = "VERSION .7\nFIELDS x y z\nSIZE 8 8 8\nTYPE F F F\nWIDTH 1\nHEIGHT 1\nPOINTS 1\nDATA ascii\n\
+                    1000000.0625 2 3\n";
+        let raw = parse(text.as_bytes(), Path::new("a.pcd")).unwrap();
+        assert_eq!(raw.positions.at(0).x, 1_000_000.062_5);
+        let whole = text.replace("TYPE F F F", "TYPE I I I").replace(".0625", "");
+        assert_eq!(parse(whole.as_bytes(), Path::new("a.pcd")).unwrap().positions.at(0).x, 1e6);
+    }
+
+    #[test]
+    fn errors_name_the_place() {
+        let refused = |bytes: &[u8], place: &str| {
+            let error = parse(bytes, Path::new("a.pcd")).unwrap_err().to_string();
+            assert!(error.contains("a.pcd") && error.contains(place), "{error}");
+        };
+        let text = String::from_utf8(ascii()).unwrap();
+        refused(text.replace("-7", "minus").as_bytes(), "line 14");
+        refused(text.replace("POINTS 3", "POINTS 4000000000").as_bytes(), "4000000000 points");
+        refused(text.replace("FIELDS y _ z x", "FIELDS y _ z u").as_bytes(), "FIELDS");
+        refused(text.replace("1 3 1 1", "1 3 1 2").as_bytes(), "COUNT");
+        refused(text.replace("1 3 1 1", "1 9999999999999999999 1 1").as_bytes(), "COUNT");
+        refused(text.replace("0 0 0 1", "0 0 0 nan").as_bytes(), "VIEWPOINT");
+        refused(text.replace("SIZE 4 1", "SIZE 4 x").as_bytes(), "header");
+        let bytes = binary();
+        refused(&bytes[..bytes.len() - 1], "3 points are claimed");
+        let mut bytes = compressed();
+        let sizes = bytes.len() - 45 - 2 - 8;
+        bytes[sizes + 4] += 1;
+        refused(&bytes, "do not make 46");
+        bytes[sizes + 7] = 0xff;
+        refused(&bytes, "unpacked bytes are claimed");
+    }
+}

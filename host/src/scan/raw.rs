@@ -39,7 +39,7 @@ pub(super) struct Extent {
 }
 
 /// Coordinates beyond this, in any unit, are as unusable as an infinite one.
-const FARTHEST: f64 = 1e9;
+pub(super) const FARTHEST: f64 = 1e9;
 
 impl From<Positions> for Raw {
     fn from(positions: Positions) -> Self {

@@ -88,7 +88,7 @@ fn poses(text: &str, file: &Path) -> Result<Vec<Isometry3<f64>>, Error> {
         }
         let row: Result<Vec<f64>, _> = line.split_ascii_whitespace().map(str::parse).collect();
         match row {
-            Ok(row) if row.iter().all(|v| v.is_finite()) => rows.push((i + 1, row)),
+            Ok(row) if row.iter().all(|v| v.abs() < 1e9) => rows.push((i + 1, row)),
             _ => return Err(Error::malformed(file, format!("line {}", i + 1), "not a row of numbers", HELP)),
         }
     }
