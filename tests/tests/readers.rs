@@ -122,5 +122,5 @@ fn a_folder_of_depth_frames_takes_its_redwood_trajectory() {
     let scan = read(&folder);
     assert_eq!(scan.views.len(), 5);
     let first = &scan.views[0].base_from_camera.translation.vector;
-    assert!((first.z - 2126.480_018).abs() < 1e-3 && (first.x + 310.579_970).abs() < 1e-3, "{first}");
+    assert!((first.z - 2_126.480_018).abs() < 1e-3 && (first.x + 310.579_970).abs() < 1e-3, "{first}");
 }

@@ -184,8 +184,14 @@ fn undamaged_files_of_every_kind_are_read() {
     }
 }
 
+/// At least so many cases; `PROPTEST_CASES` asks for more.
+fn config(cases: u32) -> ProptestConfig {
+    let default = ProptestConfig::default();
+    ProptestConfig { cases: default.cases.max(cases), failure_persistence: None, ..default }
+}
+
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 6000, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(config(3000))]
 
     #[test]
     fn a_damaged_file_gives_points_or_an_error_that_names_it(
@@ -218,7 +224,7 @@ const SCAN_JSON: &str = r#"{ "units": "m",
              { "cloud": "binary.pcd", "frame": "base", "camera_m": [0.1, 0.2, 1.3] } ] }"#;
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 300, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(config(100))]
 
     #[test]
     fn a_damaged_scan_json_gives_views_or_an_error_that_names_a_file(
