@@ -2,7 +2,7 @@
 //!
 //! INPUT is a folder with `scan.json` (or that file), a folder of depth images with a trajectory, or one file:
 //! PLY, PCD, XYZ/CSV, STL, OBJ or a 16-bit depth PNG. The content decides the kind, the extension only where the
-//! content has no mark of its own. This module is the only place where metres appear: [`units`] decides them.
+//! content has no mark of its own. This module is the only place where metres appear: [`Units`] says how they are known.
 //! Nothing here trusts a count in a header: it is held against the size of the file before anything is allocated.
 
 mod depth;

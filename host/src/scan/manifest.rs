@@ -92,7 +92,12 @@ fn load(path: &Path) -> Result<Manifest, Error> {
     let bytes = read_file(path)?;
     let bad = |e: serde_json::Error| {
         let place = format!("line {}, column {}", e.line(), e.column());
-        Error::malformed(path, place, e.to_string(), "A minimal scan.json is in the README")
+        Error::malformed(
+            path,
+            place,
+            e.to_string(),
+            "It needs `units`, `camera` for depth images, `flange_from_camera` and `views`",
+        )
     };
     let value: Value = serde_json::from_slice(&bytes).map_err(bad)?;
     check_keys(&value, "", KEYS, path)?;
@@ -277,6 +282,9 @@ impl Job<'_> {
         };
         let mut raw = parse(bytes, kind, &file)?;
         raw.triangles.clear();
+        if let Some(other) = raw.unit.filter(|unit| *unit != self.unit) {
+            raw.notes.push(format!("the file states {}; read as {}", other.name(), self.unit.name()));
+        }
         let mut notes = std::mem::take(&mut raw.notes);
         match raw.clean(&file, &mut notes) {
             Ok(()) | Err(Error::Empty { .. }) => {}

@@ -26,6 +26,7 @@ pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<Raw, Error> {
     let header = Parser::<Row>::new().read_header(&mut reader).map_err(|e| damaged(&e, "header", path))?;
     let header_lines = reader.line().saturating_sub(1);
     let data = reader.into_inner();
+    check_names(&header, &bytes[..bytes.len() - data.len()], path)?;
     check_elements(&header, data.len(), path)?;
     let vertex = vertex_of(&header, path)?;
     let faces = header.elements.get("face").filter(|face| face.count > 0 && indices_of(face).is_some());
@@ -51,6 +52,16 @@ fn vertex_of<'a>(header: &'a Header, path: &Path) -> Result<&'a ElementDef, Erro
         }
     }
     Ok(vertex)
+}
+
+/// The library keeps the last of two properties with one name, so records would be read at wrong places.
+fn check_names(header: &Header, text: &[u8], path: &Path) -> Result<(), Error> {
+    let lines = |word: &[u8]| text.split(|b| *b == b'\n').filter(|line| line.starts_with(word)).count();
+    let properties: usize = header.elements.values().map(|element| element.properties.len()).sum();
+    if lines(b"property ") == properties && lines(b"element ") == header.elements.len() {
+        return Ok(());
+    }
+    Err(Error::malformed(path, "header", "an element or a property occurs twice", EXPORT))
 }
 
 /// Holds the counts of all elements against the bytes after the header.
@@ -370,6 +381,7 @@ mod tests {
         refused([header("binary_little_endian", xyz, 4_000_000_000), vec![0; 24]].concat(), "4000000000");
         refused(header("ascii", "property float x", 0), "property y is missing");
         refused(b"ply\nformat ascii 1.0\nelement face 0\nend_header\n".to_vec(), "vertex");
+        refused(header("ascii", &format!("{xyz}\nproperty double x"), 0), "twice");
         refused(b"ply\nnonsense\n".to_vec(), "line 2");
     }
 }
