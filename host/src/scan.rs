@@ -2,7 +2,7 @@
 //!
 //! INPUT is a folder with `scan.json` (or that file), a folder of depth images with a trajectory, or one file:
 //! PLY, PCD, XYZ/CSV, STL, OBJ or a 16-bit depth PNG. The content decides the kind, the extension only where the
-//! content has no mark of its own. This module is the only place where metres appear: [`units`] decides them.
+//! content has no mark of its own. This module is the only place where metres appear: [`Units`] says how they are known.
 //! Nothing here trusts a count in a header: it is held against the size of the file before anything is allocated.
 
 mod depth;
@@ -122,6 +122,7 @@ impl Error {
         help: impl Into<String>,
     ) -> Self {
         let (place, problem, help) = (place.into(), problem.into(), help.into());
+        let problem = problem.trim_end_matches(['.', ' ', '\n']).into();
         Self::Malformed { path: path.into(), place, problem, help }
     }
 
@@ -240,4 +241,61 @@ fn read_file(path: &Path) -> Result<Vec<u8>, Error> {
         return Err(io(std::io::Error::other("not a regular file")));
     }
     std::fs::read(path).map_err(io)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read_text(text: &str) -> Result<Scan, Error> {
+        read_bytes(text.into(), Path::new("cloud.xyz"), &Options::default())
+    }
+
+    #[test]
+    fn a_cloud_far_from_the_origin_keeps_its_micrometres() {
+        let row =
+            |i: usize| format!("{:.4} {:.4} 1000000.5\n", 1e6 + i as f64 * 0.125, -2e6 + i as f64 * 0.001);
+        let options = Options { units: Units::Millimetres };
+        let text: String = (0..400).map(row).collect();
+        let scan = read_bytes(text.into(), Path::new("far.xyz"), &options).unwrap();
+        let view = &scan.views[0];
+        assert!(!view.camera_known);
+        for (i, point) in view.points_mm.iter().enumerate() {
+            let base = view.base_from_camera * point.cast::<f64>();
+            let truth = nalgebra::Point3::new(1e6 + i as f64 * 0.125, -2e6 + i as f64 * 0.001, 1_000_000.5);
+            assert!((base - truth).norm() < 1e-5, "{base} {truth}");
+        }
+    }
+
+    #[test]
+    fn zeros_and_missing_readings_are_dropped_and_counted() {
+        let scan = read_text("0 0 0\n1 2 3\nnan 0 0\n0 0 0\n4 5 inf\n1e30 0 0\n7 8 9\n").unwrap();
+        assert_eq!(scan.views[0].points_mm.len(), 2);
+        let note = |text: &str| scan.notes.iter().any(|note| note.starts_with(text));
+        assert!(
+            note("dropped 3 of 7 points without") && note("dropped 2 of 7 points at exactly"),
+            "{:?}",
+            scan.notes
+        );
+        assert_eq!(read_text("0 0 0\n1 2 3\n").unwrap().views[0].points_mm.len(), 2);
+    }
+
+    #[test]
+    fn one_to_three_points_are_a_scan_and_none_is_not() {
+        for text in ["1 2 3\n", "1 2 3\n1 2 3\n", "0 0 0\n1 1 1\n2 2 2\n"] {
+            assert_eq!(read_text(text).unwrap().views[0].points_mm.len(), text.lines().count());
+        }
+        for text in ["", "nan nan nan\n", "0 0 0\n0 0 0\n", "# nothing\n"] {
+            assert!(matches!(read_text(text), Err(Error::Empty { .. })), "{text:?}");
+        }
+    }
+
+    #[test]
+    fn an_unknown_file_and_a_missing_one_name_a_way_out() {
+        let unknown =
+            read_bytes(vec![1, 2, 3], Path::new("part.e57"), &Options::default()).unwrap_err().to_string();
+        assert!(unknown.contains("part.e57") && unknown.contains("PLY"), "{unknown}");
+        let missing = read(Path::new("no/such/cloud.ply"), &Options::default()).unwrap_err().to_string();
+        assert!(missing.contains("no/such/cloud.ply") && missing.contains("INPUT"), "{missing}");
+    }
 }

@@ -122,5 +122,26 @@ fn a_folder_of_depth_frames_takes_its_redwood_trajectory() {
     let scan = read(&folder);
     assert_eq!(scan.views.len(), 5);
     let first = &scan.views[0].base_from_camera.translation.vector;
-    assert!((first.z - 2126.480_018).abs() < 1e-3 && (first.x + 310.579_970).abs() < 1e-3, "{first}");
+    assert!((first.z - 2_126.480_018).abs() < 1e-3 && (first.x + 310.579_970).abs() < 1e-3, "{first}");
+}
+
+#[test]
+fn clouds_of_known_frame_and_unit_are_taken_as_such() {
+    let Some(real) = data("real") else { return };
+    for (path, camera_known) in [
+        ("blackhorsewu+CoboWeld/src/coboweld_core/src/script/nodownsample.pcd", true),
+        ("blackhorsewu+CoboWeld/src/coboweld_core/src/script/3mmvoxel.pcd", true),
+        ("romi-lab+robotic-sealing/seam_tracking/T-Joint/RGB_D_PCD/pc0001.pcd", true),
+        ("PointCloudLibrary+pcl/test/table_scene_mug_stereo_textured.pcd", true),
+        ("pengrui-rio+welding-robot/pointcloud_dataset/driver_test_cloud.pcd", false),
+        ("pengrui-rio+welding-robot/pointcloud_dataset/Thu_Apr_2_10_14_30/3_frame.pcd", false),
+        ("abhinand4as+weld_seam_ros2/assets/lap_joint_test.pcd", false),
+        ("abhinand4as+weld_seam_ros2/assets/lap_joint_with_table.pcd", false),
+    ] {
+        let scan = read(&real.join(path));
+        assert_eq!(scan.views[0].camera_known, camera_known, "{path}");
+        assert!(scan.notes.iter().any(|note| note.starts_with("units: metres")), "{path}: {:?}", scan.notes);
+    }
+    let cad = read(&real.join("romi-lab+robotic-sealing/seam_tracking/T-Joint/Model_STL/T1.STL"));
+    assert!(cad.notes.iter().any(|note| note.starts_with("units: millimetres")), "{:?}", cad.notes);
 }

@@ -32,16 +32,19 @@ pub(super) const PRIMESENSE: Camera =
 /// Deflate grows its input by at most this (zlib's technical details).
 const DEFLATE_GROWTH: u64 = 1032;
 
+/// What a focal length or an image's centre can be, in pixels.
+const PIXELS: std::ops::RangeInclusive<f64> = 1.0..=1e6;
+
 impl Camera {
     /// The first field that no camera can have, and why.
     pub(super) fn fault(&self) -> Option<(&'static str, String)> {
-        let fields = [("fx", self.fx), ("fy", self.fy), ("depth_scale_m", self.depth_scale_m)];
-        let not_positive = fields.into_iter().find(|(_, v)| !(v.is_finite() && *v > 0.0));
-        let not_finite = [("cx", self.cx), ("cy", self.cy)].into_iter().find(|(_, v)| !v.is_finite());
-        if let Some((name, value)) = not_positive {
-            Some((name, format!("{value} is not above 0")))
-        } else if let Some((name, value)) = not_finite {
-            Some((name, format!("{value} is not finite")))
+        let focal = [("fx", self.fx), ("fy", self.fy)].into_iter().find(|(_, v)| !PIXELS.contains(v));
+        let centre =
+            [("cx", self.cx), ("cy", self.cy)].into_iter().find(|(_, v)| !PIXELS.contains(&v.abs().max(1.0)));
+        if let Some((name, value)) = focal.or(centre) {
+            Some((name, format!("{value} is no number of pixels that a lens could have")))
+        } else if !(self.depth_scale_m.is_finite() && self.depth_scale_m > 0.0) {
+            Some(("depth_scale_m", format!("{} is not above 0", self.depth_scale_m)))
         } else if self.depth_scale_m > 0.1 {
             Some((
                 "depth_scale_m",
@@ -137,4 +140,64 @@ pub(super) fn assumed_camera() -> String {
         "no intrinsics are given: taken are those of a PrimeSense camera (f {fx}, c {cx} {cy}, {depth_scale_m} m per \
          count); sizes are wrong if it was another, so write a scan.json with its `camera`"
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CAMERA: Camera =
+        Camera { width: 3, height: 2, fx: 2.0, fy: 4.0, cx: 1.0, cy: 0.5, depth_scale_m: 0.0005 };
+
+    fn png(width: u32, height: u32, color: ColorType, depth: BitDepth, data: &[u8]) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        let mut encoder = png::Encoder::new(&mut bytes, width, height);
+        encoder.set_color(color);
+        encoder.set_depth(depth);
+        encoder.write_header().unwrap().write_image_data(data).unwrap();
+        bytes
+    }
+
+    fn grey(counts: &[u16; 6]) -> Vec<u8> {
+        let data: Vec<u8> = counts.iter().flat_map(|c| c.to_be_bytes()).collect();
+        png(3, 2, ColorType::Grayscale, BitDepth::Sixteen, &data)
+    }
+
+    #[test]
+    fn a_count_becomes_a_point_on_the_ray_of_its_pixel() {
+        let points = points_mm(&grey(&[0, 0, 1000, 65535, 0, 1]), &CAMERA, Path::new("d.png")).unwrap();
+        let expected = [[250.0, -62.5, 500.0], [-16383.75, 4095.9375, 32767.5], [0.25, 0.0625, 0.5]];
+        assert_eq!(points, expected.map(Point3::from));
+    }
+
+    #[test]
+    fn images_that_hold_no_depth_are_refused() {
+        let refused = |bytes: &[u8], camera: &Camera, problem: &str| {
+            let error = points_mm(bytes, camera, Path::new("d.png")).unwrap_err().to_string();
+            assert!(error.contains("d.png") && error.contains(problem), "{error}");
+        };
+        refused(&png(3, 2, ColorType::Grayscale, BitDepth::Eight, &[0; 6]), &CAMERA, "Eight bits");
+        refused(&png(3, 2, ColorType::Rgb, BitDepth::Sixteen, &[0; 36]), &CAMERA, "Rgb");
+        refused(&grey(&[1; 6]), &Camera { width: 4, ..CAMERA }, "the image is 3x2, the camera 4x2");
+        let whole = grey(&[1, 2, 3, 4, 5, 6]);
+        refused(&whole[..whole.len() - 20], &CAMERA, "PNG data");
+        let mut huge = whole.clone();
+        huge[16..24].copy_from_slice(&[0, 0, 0xff, 0xff, 0, 0, 0xff, 0xff]);
+        huge[29..33].copy_from_slice(&0x7f08_8c67u32.to_be_bytes());
+        refused(&huge, &Camera { width: 65535, height: 65535, ..CAMERA }, "PNG");
+    }
+
+    #[test]
+    fn a_camera_that_cannot_be_is_named_by_its_field() {
+        assert_eq!(CAMERA.fault(), None);
+        for (camera, field) in [
+            (Camera { fx: 0.0, ..CAMERA }, "fx"),
+            (Camera { fy: f64::NAN, ..CAMERA }, "fy"),
+            (Camera { cx: f64::INFINITY, ..CAMERA }, "cx"),
+            (Camera { depth_scale_m: -1.0, ..CAMERA }, "depth_scale_m"),
+            (Camera { depth_scale_m: 1.0, ..CAMERA }, "depth_scale_m"),
+        ] {
+            assert_eq!(camera.fault().map(|(field, _)| field), Some(field));
+        }
+    }
 }

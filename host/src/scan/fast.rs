@@ -71,16 +71,19 @@ pub(super) fn positions(data: &[u8], layout: Layout, count: usize) -> Positions 
     }
 }
 
+#[inline]
 fn three_singles(bytes: &[u8]) -> Point3<f32> {
     Point3::new(single(bytes, 0), single(bytes, 4), single(bytes, 8))
 }
 
+#[inline]
 fn single(record: &[u8], at: usize) -> f32 {
     let mut bytes = [0; 4];
     bytes.copy_from_slice(&record[at..at + 4]);
     f32::from_le_bytes(bytes)
 }
 
+#[inline]
 fn double(record: &[u8], at: usize) -> f64 {
     let mut bytes = [0; 8];
     bytes.copy_from_slice(&record[at..at + 8]);

@@ -35,9 +35,7 @@ fn by_mark(bytes: &[u8]) -> Option<Kind> {
         Some(Kind::Png)
     } else if starts(b"# .PCD") || has_line(b"FIELDS ") && has_line(b"SIZE ") {
         Some(Kind::Pcd)
-    } else if super::stl::is_binary(bytes)
-        || head.trim_ascii_start().starts_with(b"solid") && has_line(b"facet")
-    {
+    } else if super::stl::is_binary(bytes) || super::stl::is_text(bytes) {
         Some(Kind::Stl)
     } else if head.trim_ascii_start().starts_with(b"{") {
         Some(Kind::Json)

@@ -27,6 +27,8 @@ const VIEW_KEYS: &[&str] = &["depth", "cloud", "frame", "camera_m", "base_from_f
 const LONGEST_REACH_MM: f64 = 50_000.0;
 /// Farther from the flange no camera is, mm.
 const LONGEST_MOUNT_MM: f64 = 5_000.0;
+/// No rotation vector is longer, not even in degrees.
+const MOST_TURN_RAD: f64 = 1000.0;
 /// How far the 3x3 part may be from a rotation: a matrix written with three decimals.
 const RIGID: f64 = 2e-3;
 
@@ -90,7 +92,12 @@ fn load(path: &Path) -> Result<Manifest, Error> {
     let bytes = read_file(path)?;
     let bad = |e: serde_json::Error| {
         let place = format!("line {}, column {}", e.line(), e.column());
-        Error::malformed(path, place, e.to_string(), "A minimal scan.json is in the README")
+        Error::malformed(
+            path,
+            place,
+            e.to_string(),
+            "It needs `units`, `camera` for depth images, `flange_from_camera` and `views`",
+        )
     };
     let value: Value = serde_json::from_slice(&bytes).map_err(bad)?;
     check_keys(&value, "", KEYS, path)?;
@@ -145,7 +152,7 @@ fn unit(manifest: &Manifest, options: &Options, scan: &mut Scan) -> Unit {
             (Unit::Metre, "the default of scan.json")
         }
     };
-    scan.notes.push(format!("units: {} mm per unit of scan.json ({why})", unit.mm()));
+    scan.notes.push(format!("units: {} ({why})", unit.name()));
     unit
 }
 
@@ -275,6 +282,9 @@ impl Job<'_> {
         };
         let mut raw = parse(bytes, kind, &file)?;
         raw.triangles.clear();
+        if let Some(other) = raw.unit.filter(|unit| *unit != self.unit) {
+            raw.notes.push(format!("the file states {}; read as {}", other.name(), self.unit.name()));
+        }
         let mut notes = std::mem::take(&mut raw.notes);
         match raw.clean(&file, &mut notes) {
             Ok(()) | Err(Error::Empty { .. }) => {}
@@ -305,6 +315,9 @@ impl Job<'_> {
         };
         let at_mm = Vector3::new(x, y, z) * self.unit.mm();
         self.check_reach(i, "base_from_flange", at_mm)?;
+        if Vector3::new(rx, ry, rz).amax() > MOST_TURN_RAD {
+            return self.bad(i, "base_from_flange", "its last three numbers are a rotation vector in rad");
+        }
         let rotation = UnitQuaternion::from_scaled_axis(Vector3::new(rx, ry, rz));
         Ok(Isometry3::from_parts(Translation3::from(at_mm), rotation) * flange_from_camera)
     }
@@ -349,5 +362,109 @@ fn warn_of_doubtful(manifest: &Manifest, views: &[View], warnings: &mut Vec<Stri
                 view.name
             ));
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::read_bytes;
+    use super::*;
+    use nalgebra::Point3;
+    use std::f64::consts::FRAC_PI_2;
+
+    const IDENTITY: &str = "[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]";
+
+    /// Reads a scan.json beside a cloud of one point, (0.1, 0.2, 0.5) in `units`.
+    fn scan(json: &str) -> Result<Scan, Error> {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("a.xyz"), "0.1 0.2 0.5\n").unwrap();
+        std::fs::write(folder.path().join("blind.xyz"), "nan nan nan\n").unwrap();
+        std::fs::write(folder.path().join(NAME), json).unwrap();
+        super::super::read(folder.path(), &Options::default())
+    }
+
+    fn posed(hand_eye: &str, pose: &str) -> String {
+        format!(
+            "{{\"units\": \"m\", \"flange_from_camera\": {hand_eye}, \
+             \"views\": [{{\"cloud\": \"a.xyz\", \"base_from_flange\": {pose}}}]}}"
+        )
+    }
+
+    fn first_in_base(scan: &Scan) -> Point3<f64> {
+        let view = &scan.views[0];
+        assert!(view.camera_known);
+        view.base_from_camera * view.points_mm[0].cast::<f64>()
+    }
+
+    #[test]
+    fn a_point_goes_from_camera_to_flange_to_base() {
+        // Hand-eye: x and y swap roles, 30 mm along z. Pose: a quarter turn about x, then (1, 2, 3) m.
+        let json =
+            posed("[[0,-1,0,0],[1,0,0,0],[0,0,1,0.03],[0,0,0,1]]", &format!("[1,2,3,{FRAC_PI_2},0,0]"));
+        let scan = scan(&json).unwrap();
+        assert!((first_in_base(&scan) - Point3::new(800.0, 1470.0, 3100.0)).norm() < 1e-3);
+        assert_eq!((scan.warnings.len(), scan.inputs.len()), (0, 2));
+    }
+
+    #[test]
+    fn a_cloud_in_the_base_frame_stays_there_and_has_its_camera_at_the_origin() {
+        let scan = scan(
+            r#"{"units": "m", "views": [{"cloud": "a.xyz", "frame": "base", "camera_m": [0.1, 0.2, 1.5]}]}"#,
+        )
+        .unwrap();
+        assert!((first_in_base(&scan) - Point3::new(100.0, 200.0, 500.0)).norm() < 1e-3);
+        assert!((scan.views[0].points_mm[0] - Point3::new(0.0, 0.0, -1000.0)).norm() < 1e-3);
+    }
+
+    #[test]
+    fn a_view_that_sees_nothing_is_left_out_with_a_warning() {
+        let blind = r#"{"cloud": "blind.xyz", "frame": "base", "camera_m": [0, 0, 1]}"#;
+        let seeing = r#"{"cloud": "a.xyz", "frame": "base", "camera_m": [0, 0, 1]}"#;
+        let read = scan(&format!("{{\"units\": \"m\", \"views\": [{blind}, {seeing}]}}")).unwrap();
+        assert_eq!(read.views.len(), 1);
+        assert!(read.warnings[0].contains("blind.xyz"));
+        assert!(matches!(scan(&format!("{{\"views\": [{blind}]}}")), Err(Error::Empty { .. })));
+    }
+
+    #[test]
+    fn errors_name_the_field() {
+        let pose = "[0,0,1,0,0,0]";
+        for (json, place) in [
+            (posed(IDENTITY, pose).replace("cloud", "clod"), "did you mean `cloud`"),
+            (posed(IDENTITY, pose).replace("\"units\"", "\"unit\""), "did you mean `units`"),
+            (posed(IDENTITY, pose).replace("\"m\"", "\"inch\""), "line 1"),
+            (posed(IDENTITY, pose).replace("a.xyz", "b.xyz"), "b.xyz"),
+            (posed("[[1,0,0,0],[0,1,0,0],[0,0,-1,0],[0,0,0,1]]", pose), "reflection"),
+            (posed("[[2,0,0,0],[0,2,0,0],[0,0,2,0],[0,0,0,1]]", pose), "not a rotation"),
+            (posed("[[1,0,0,60],[0,1,0,0],[0,0,1,0],[0,0,0,1]]", pose), "60000 mm from the flange"),
+            (posed("[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,2]]", pose), "last row"),
+            (posed(IDENTITY, "[400,0,300,0,0,0]"), "views[0].base_from_flange"),
+            (posed(IDENTITY, "[0,0,1,0,0]"), "line 1"),
+            (posed(IDENTITY, "[0,0,1e999,0,0,0]"), "line 1"),
+            (posed(IDENTITY, pose).replace("flange_from_camera", "camera"), "line 1"),
+            (r#"{"units": "m", "views": [{"cloud": "a.xyz"}]}"#.into(), "views[0].base_from_flange"),
+            (r#"{"units": "m", "views": [{"cloud": "a.xyz", "frame": "base"}]}"#.into(), "views[0].camera_m"),
+            (r#"{"units": "m", "views": [{}]}"#.into(), "neither"),
+            (r#"{"units": "m", "views": []}"#.into(), "views"),
+            ("{".into(), "line 1"),
+        ] {
+            let error = scan(&json).unwrap_err().to_string();
+            assert!(error.contains(place) && (error.contains(NAME) || place == "b.xyz"), "{json}\n{error}");
+        }
+    }
+
+    #[test]
+    fn doubtful_units_draw_a_warning() {
+        let json = posed(IDENTITY, "[0.4,0,0.3,0,0,0]").replace("\"m\"", "\"mm\"");
+        let warnings = scan(&json).unwrap().warnings;
+        assert!(warnings.iter().all(|w| w.contains("units")) && warnings.len() == 2, "{warnings:?}");
+        let degrees = scan(&posed(IDENTITY, "[0.4,0,0.3,0,180,0]")).unwrap();
+        assert!(degrees.warnings[0].contains("degrees"));
+    }
+
+    #[test]
+    fn scan_json_in_memory_says_that_it_needs_its_folder() {
+        let error = read_bytes(b"{}".to_vec(), Path::new(NAME), &Options::default()).unwrap_err().to_string();
+        assert!(error.contains(NAME), "{error}");
     }
 }

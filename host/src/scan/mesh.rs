@@ -7,7 +7,7 @@ use std::path::Path;
 
 use nalgebra::{Point3, Vector3};
 
-use super::raw::{Extent, Positions, Raw};
+use super::raw::{Extent, FARTHEST, Positions, Raw};
 use super::{Error, name_of, translation, whole_mm};
 use crate::cloud::View;
 
@@ -118,7 +118,7 @@ pub(super) fn sample(
     }
     let flat = raw.triangles.len() - facets.len();
     if flat > 0 {
-        notes.push(format!("left {flat} triangles without area"));
+        notes.push(format!("left {flat} triangles without area or with a corner that is not finite"));
     }
     let coarse = extent.diagonal * mm_per_unit * SPACING_SHARE;
     let own = (area / raw.positions.len().max(1) as f64).sqrt();
@@ -132,6 +132,10 @@ pub(super) fn sample(
 }
 
 fn facet(raw: &Raw, corners: [usize; 3], origin: Vector3<f64>, mm_per_unit: f64) -> Option<Facet> {
+    let usable = |i: &usize| raw.positions.at(*i).iter().all(|c| c.abs() <= FARTHEST);
+    if !corners.iter().all(usable) {
+        return None;
+    }
     let [a, b, c] = corners.map(|i| (raw.positions.at(i) - origin) * mm_per_unit);
     let sides = [b - a, c - a];
     let across = sides[0].cross(&sides[1]);
@@ -167,4 +171,55 @@ fn in_facet(facet: &Facet, k: usize) -> Vector3<f64> {
     let (u, v) = (along(1.0 / PLASTIC), along(1.0 / (PLASTIC * PLASTIC)));
     let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
     facet.corner + facet.sides[0] * u + facet.sides[1] * v
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A plate of 2 x 1 m in z = 1, wound so that it faces up, and a triangle without area.
+    const PLATE: &str = "mtllib none.mtl\no plate\nv 0 0 1\nv 2 0 1\nv 2 1 1\nv 0 1 1\nvt 0 0\nusemtl x\n\
+                         f 1/1 2/1 3/1 4/1\nf 1 1 -1\n";
+
+    fn sampled(text: &str) -> (View, Vec<String>) {
+        let raw = parse_obj(text.as_bytes(), Path::new("plate.obj")).unwrap();
+        let mut notes = Vec::new();
+        (sample(&raw, &raw.extent(), 1000.0, Path::new("plate.obj"), &mut notes).unwrap(), notes)
+    }
+
+    #[test]
+    fn points_lie_on_the_facets_and_normals_follow_the_winding() {
+        let (view, notes) = sampled(PLATE);
+        assert!(view.points_mm.len() > 10_000 && view.points_mm.len() == view.normals.len());
+        for (point, normal) in view.points_mm.iter().zip(&view.normals) {
+            let base = view.base_from_camera * point.cast::<f64>();
+            assert!(
+                (base.z - 1000.0).abs() < 1e-3
+                    && (0.0..=2000.0).contains(&base.x)
+                    && (0.0..=1000.0).contains(&base.y)
+            );
+            assert_eq!(*normal, Vector3::z());
+        }
+        assert!(notes[0].contains("1 triangles without area") && notes[1].contains("mm apart"), "{notes:?}");
+    }
+
+    #[test]
+    fn equal_areas_hold_equal_numbers_of_points() {
+        let (view, _) = sampled(PLATE);
+        let mut cells = [[0usize; 10]; 20];
+        for point in &view.points_mm {
+            let base = view.base_from_camera * point.cast::<f64>();
+            cells[((base.x / 100.0) as usize).min(19)][((base.y / 100.0) as usize).min(9)] += 1;
+        }
+        let mean = view.points_mm.len() as f64 / 200.0;
+        let worst = cells.iter().flatten().map(|n| (*n as f64 - mean).abs() / mean).fold(0.0, f64::max);
+        assert!(worst < 0.1, "{worst}");
+    }
+
+    #[test]
+    fn a_mesh_without_faces_and_a_wrong_index_are_refused() {
+        assert!(matches!(parse_obj(b"v 1 2 3\n", Path::new("a.obj")), Err(Error::Empty { .. })));
+        let error = parse_obj(b"v 1 2 3\nf 1 2 9\n", Path::new("a.obj")).unwrap_err().to_string();
+        assert!(error.contains("a.obj") && error.contains("bounds"), "{error}");
+    }
 }

@@ -26,6 +26,7 @@ pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<Raw, Error> {
     let header = Parser::<Row>::new().read_header(&mut reader).map_err(|e| damaged(&e, "header", path))?;
     let header_lines = reader.line().saturating_sub(1);
     let data = reader.into_inner();
+    check_names(&header, &bytes[..bytes.len() - data.len()], path)?;
     check_elements(&header, data.len(), path)?;
     let vertex = vertex_of(&header, path)?;
     let faces = header.elements.get("face").filter(|face| face.count > 0 && indices_of(face).is_some());
@@ -51,6 +52,16 @@ fn vertex_of<'a>(header: &'a Header, path: &Path) -> Result<&'a ElementDef, Erro
         }
     }
     Ok(vertex)
+}
+
+/// The library keeps the last of two properties with one name, so records would be read at wrong places.
+fn check_names(header: &Header, text: &[u8], path: &Path) -> Result<(), Error> {
+    let lines = |word: &[u8]| text.split(|b| *b == b'\n').filter(|line| line.starts_with(word)).count();
+    let properties: usize = header.elements.values().map(|element| element.properties.len()).sum();
+    if lines(b"property ") == properties && lines(b"element ") == header.elements.len() {
+        return Ok(());
+    }
+    Err(Error::malformed(path, "header", "an element or a property occurs twice", EXPORT))
 }
 
 /// Holds the counts of all elements against the bytes after the header.
@@ -276,4 +287,101 @@ fn stated_unit(header: &Header) -> Option<Unit> {
 fn damaged(error: &ParseError, place: &str, path: &Path) -> Error {
     let place = error.line().map_or_else(|| place.to_string(), |line| format!("{place}, line {line}"));
     Error::malformed(path, place, error.to_string().replace(['\n', '\t'], " "), CUT_OFF)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const POINTS: [[f32; 3]; 3] = [[0.5, -1.25, 300.0], [f32::NAN, 2.0, 3.0], [1e-3, 0.0, -7.0]];
+
+    fn header(format: &str, properties: &str, count: usize) -> Vec<u8> {
+        format!("ply\nformat {format} 1.0\nelement vertex {count}\n{properties}\nend_header\n").into_bytes()
+    }
+
+    fn read(bytes: &[u8]) -> Vec<[f64; 3]> {
+        let raw = parse(bytes, Path::new("a.ply")).unwrap();
+        (0..raw.positions.len()).map(|i| raw.positions.at(i).into()).collect()
+    }
+
+    fn same(read: &[[f64; 3]]) {
+        let bits = |points: &[[f64; 3]]| points.iter().flatten().map(|c| c.to_bits()).collect::<Vec<_>>();
+        assert_eq!(bits(read), bits(&POINTS.map(|p| p.map(f64::from))));
+    }
+
+    #[test]
+    fn every_encoding_gives_the_same_points() {
+        let xyz = "property float x\nproperty uchar red\nproperty float y\nproperty float z";
+        let with_list = &format!("{xyz}\nproperty list uchar int tags");
+        let mut little = header("binary_little_endian", xyz, 3);
+        let mut big = header("binary_big_endian", xyz, 3);
+        let mut list = header("binary_little_endian", with_list, 3);
+        let mut ascii = header("ascii", xyz, 3);
+        for [x, y, z] in POINTS {
+            let row = |f: fn(f32) -> [u8; 4]| [&f(x)[..], &[200], &f(y)[..], &f(z)[..]].concat();
+            little.extend(row(f32::to_le_bytes));
+            big.extend(row(f32::to_be_bytes));
+            list.extend([row(f32::to_le_bytes), vec![1, 7, 0, 0, 0]].concat());
+            ascii.extend(format!("{x} 200 {y} {z}\r\n\n").bytes());
+        }
+        for bytes in [&little, &big, &list] {
+            same(&read(bytes));
+        }
+        let close = read(&ascii);
+        assert_eq!(close[0], [0.5, -1.25, 300.0]);
+        assert!(close[1][0].is_nan() && close[2] == [1e-3, 0.0, -7.0]);
+    }
+
+    #[test]
+    fn the_fast_path_agrees_with_the_library() {
+        for (kind, offsets) in [("float", [4usize, 8, 0]), ("double", [8, 16, 0])] {
+            let properties =
+                format!("property {kind} z\nproperty {kind} x\nproperty {kind} y\nproperty short i");
+            let mut bytes = header("binary_little_endian", &properties, 3);
+            let data = bytes.len();
+            for [x, y, z] in POINTS {
+                for c in [z, x, y] {
+                    match kind {
+                        "float" => bytes.extend(c.to_le_bytes()),
+                        _ => bytes.extend(f64::from(c).to_le_bytes()),
+                    }
+                }
+                bytes.extend([1, 2]);
+            }
+            let header = Parser::<Row>::new().read_header(&mut Reader::new(&bytes[..])).unwrap();
+            let layout = fast_layout(&header, &header.elements["vertex"]).unwrap();
+            assert_eq!(layout.offsets, offsets);
+            same(&read(&bytes));
+            let rows = binary_rows(&bytes[data..], &header, Path::new("a.ply")).unwrap();
+            same(&rows.vertices.iter().map(|row| row.xyz).collect::<Vec<_>>());
+        }
+    }
+
+    #[test]
+    fn faces_make_a_mesh_and_a_comment_states_the_unit() {
+        let text = "ply\nformat ascii 1.0\ncomment made by X, length unit = meters\nelement vertex 4\n\
+                    property float x\nproperty float y\nproperty float z\nelement face 1\n\
+                    property list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n1 1 0\n.0 1. 0\n4 0 1 2 3\n";
+        let raw = parse(text.as_bytes(), Path::new("a.ply")).unwrap();
+        assert_eq!((raw.triangles, raw.unit), (vec![[0, 1, 2], [0, 2, 3]], Some(Unit::Metre)));
+        let wrong = text.replace("4 0 1 2 3", "4 0 1 2 4");
+        let error = parse(wrong.as_bytes(), Path::new("a.ply")).unwrap_err().to_string();
+        assert!(error.contains("face 0") && error.contains("vertex 4 of 4"), "{error}");
+    }
+
+    #[test]
+    fn errors_name_the_place() {
+        let xyz = "property float x\nproperty float y\nproperty float z";
+        let refused = |bytes: Vec<u8>, place: &str| {
+            let error = parse(&bytes, Path::new("a.ply")).unwrap_err().to_string();
+            assert!(error.contains("a.ply") && error.contains(place), "{error}");
+        };
+        refused([header("ascii", xyz, 2), b"1 2 3\n1 two 3\n".to_vec()].concat(), "line 9");
+        refused([header("ascii", xyz, 2), b"1 2 3\n         ".to_vec()].concat(), "after 1 of 2");
+        refused([header("binary_little_endian", xyz, 4_000_000_000), vec![0; 24]].concat(), "4000000000");
+        refused(header("ascii", "property float x", 0), "property y is missing");
+        refused(b"ply\nformat ascii 1.0\nelement face 0\nend_header\n".to_vec(), "vertex");
+        refused(header("ascii", &format!("{xyz}\nproperty double x"), 0), "twice");
+        refused(b"ply\nnonsense\n".to_vec(), "line 2");
+    }
 }

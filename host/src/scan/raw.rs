@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use nalgebra::{Point3, Scalar, Vector3};
+use nalgebra::{Point3, RealField, Vector3};
 
 use super::Error;
 use super::units::Unit;
@@ -39,7 +39,7 @@ pub(super) struct Extent {
 }
 
 /// Coordinates beyond this, in any unit, are as unusable as an infinite one.
-const FARTHEST: f64 = 1e9;
+pub(super) const FARTHEST: f64 = 1e9;
 
 impl From<Positions> for Raw {
     fn from(positions: Positions) -> Self {
@@ -62,11 +62,24 @@ impl Positions {
         }
     }
 
+    /// At most `limit` points, one from each of as many equal stretches of the file. Its place in the stretch follows the
+    /// golden ratio: a fixed step would fall in with rows, or with surfaces that take turns.
+    pub(super) fn sample(&self, limit: usize) -> Vec<Vector3<f64>> {
+        const GOLDEN: f64 = 0.618_033_988_749_894_9;
+        let n = self.len();
+        let stretch = n.div_ceil(limit).max(1);
+        let within = |i: usize| ((i as f64 * GOLDEN).fract() * stretch as f64) as usize;
+        (0..n.div_ceil(stretch)).map(|i| self.at((i * stretch + within(i)).min(n - 1))).collect()
+    }
+
     /// Relative to `origin` and in mm; the subtraction is done in double precision.
     pub(super) fn relative_mm(self, origin: Vector3<f64>, mm_per_unit: f64) -> Vec<Point3<f32>> {
         let to_mm = |p: Vector3<f64>| Point3::from(((p - origin) * mm_per_unit).cast::<f32>());
         match self {
-            Self::Single(points) => points.into_iter().map(|p| to_mm(p.coords.cast())).collect(),
+            Self::Single(mut points) => {
+                points.iter_mut().for_each(|p| *p = to_mm(p.coords.cast()));
+                points
+            }
             Self::Double(points) => points.into_iter().map(|p| to_mm(p.coords)).collect(),
         }
     }
@@ -96,7 +109,7 @@ impl Raw {
     }
 
     pub(super) fn extent(&self) -> Extent {
-        let sample = self.sample(1024);
+        let sample = self.positions.sample(1024);
         let axis = |k: usize| {
             let mut along: Vec<f64> = sample.iter().map(|p| p[k]).filter(|c| c.is_finite()).collect();
             along.sort_unstable_by(f64::total_cmp);
@@ -111,33 +124,26 @@ impl Raw {
         let spacing = diagonal / (2.0 * self.positions.len().max(1) as f64).sqrt();
         Extent { middle: Vector3::from(axes.map(|(middle, _)| middle)), diagonal, spacing }
     }
-
-    /// At most `limit` points, evenly over the order of the file.
-    fn sample(&self, limit: usize) -> Vec<Vector3<f64>> {
-        let n = self.positions.len();
-        let step = n.div_ceil(limit).max(1);
-        (0..n).step_by(step).map(|i| self.positions.at(i)).collect()
-    }
 }
 
 /// Drops what is no reading and counts it: (not finite, exactly zero).
-fn drop_unusable<T: Scalar + Into<f64>>(points: &mut Vec<Point3<T>>) -> (usize, usize) {
-    let total = points.len();
-    let zeros = points.iter().filter(|p| is_zero(p)).count();
-    let zeros = if zeros > 1 { zeros } else { 0 };
-    points.retain(|p| is_usable(p) && (zeros == 0 || !is_zero(p)));
-    (total - zeros - points.len(), zeros)
-}
-
-/// False for NaN, too.
-fn is_usable<T: Scalar + Into<f64>>(p: &Point3<T>) -> bool {
-    let near = |c: &T| c.clone().into().abs() <= FARTHEST;
-    near(&p.x) & near(&p.y) & near(&p.z)
-}
-
-fn is_zero<T: Scalar + Into<f64>>(p: &Point3<T>) -> bool {
-    let zero = |c: &T| c.clone().into() == 0.0;
-    zero(&p.x) & zero(&p.y) & zero(&p.z)
+fn drop_unusable<T: RealField + Copy>(points: &mut Vec<Point3<T>>) -> (usize, usize) {
+    let farthest = nalgebra::convert(FARTHEST);
+    // False for NaN, too.
+    let usable = |p: &Point3<T>| (p.x.abs() <= farthest) & (p.y.abs() <= farthest) & (p.z.abs() <= farthest);
+    let zero = |p: &Point3<T>| (p.x == T::zero()) & (p.y == T::zero()) & (p.z == T::zero());
+    let (mut unusable, mut zeros) = (0, 0);
+    for p in points.iter() {
+        unusable += usize::from(!usable(p));
+        zeros += usize::from(zero(p));
+    }
+    if zeros < 2 {
+        zeros = 0;
+    }
+    if unusable + zeros > 0 {
+        points.retain(|p| usable(p) && (zeros == 0 || !zero(p)));
+    }
+    (unusable, zeros)
 }
 
 fn note_dropped(count: usize, what: &str, total: usize, notes: &mut Vec<String>) {

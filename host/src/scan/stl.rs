@@ -23,9 +23,16 @@ fn claimed(bytes: &[u8]) -> Option<u32> {
     bytes.get(80..HEADER)?.first_chunk().map(|count| u32::from_le_bytes(*count))
 }
 
+/// Whether this is an ASCII STL: many a binary header begins with `solid`, too, but has no facets in words.
+pub(super) fn is_text(bytes: &[u8]) -> bool {
+    let head = &bytes[..bytes.len().min(2048)];
+    head.trim_ascii_start().starts_with(b"solid")
+        && head.split(|b| *b == b'\n').any(|line| line.trim_ascii_start().starts_with(b"facet"))
+}
+
 /// Reads an STL file.
 pub(super) fn parse(mut bytes: Vec<u8>, path: &Path) -> Result<Raw, Error> {
-    let text = !is_binary(&bytes) && bytes.trim_ascii_start().starts_with(b"solid");
+    let text = !is_binary(&bytes) && is_text(&bytes);
     let mut corners = Vec::new();
     if text {
         for solid in solids(&bytes) {
@@ -77,4 +84,57 @@ fn read_facets(
         corners.extend(facet.vertices.iter().map(|v| Point3::from(v.0.map(f64::from))));
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::raw::Positions;
+    use super::*;
+
+    const FACE: &str =
+        "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n";
+
+    fn binary(count: u32, facets: usize) -> Vec<u8> {
+        let mut bytes = b"solid but binary".to_vec();
+        bytes.resize(80, b' ');
+        bytes.extend(count.to_le_bytes());
+        for _ in 0..facets {
+            bytes.extend(
+                [0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1, 0].into_iter().flat_map(|v| (v as f32).to_le_bytes()),
+            );
+            bytes.extend([0, 0]);
+        }
+        bytes
+    }
+
+    fn read(bytes: Vec<u8>) -> Raw {
+        parse(bytes, Path::new("a.stl")).unwrap()
+    }
+
+    #[test]
+    fn binary_and_text_give_the_same_triangle() {
+        let text = format!("solid\n{FACE}endsolid\n");
+        let (a, b) = (read(binary(1, 1)), read(text.into()));
+        assert_eq!((a.positions.clone(), a.triangles), (b.positions, b.triangles));
+        let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]].map(Point3::from);
+        assert_eq!(a.positions, Positions::Double(corners.to_vec()));
+    }
+
+    #[test]
+    fn all_solids_of_a_file_are_read() {
+        let text = format!("solid plate\n{FACE}endsolid plate\nsolid tube\n{FACE}{FACE}endsolid tube\n");
+        assert_eq!(read(text.into()).triangles.len(), 3);
+    }
+
+    #[test]
+    fn a_wrong_count_and_a_cut_file_are_refused() {
+        for (bytes, place) in [
+            (binary(4_000_000_000, 1), "4000000000 triangles"),
+            (binary(1, 1)[..82].to_vec(), "byte 80"),
+            (format!("solid a\n{FACE}facet normal 0 0 1\nouter").into_bytes(), "facet 1"),
+        ] {
+            let error = parse(bytes, Path::new("a.stl")).unwrap_err().to_string();
+            assert!(error.contains("a.stl") && error.contains(place), "{error}");
+        }
+    }
 }

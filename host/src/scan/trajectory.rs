@@ -88,7 +88,7 @@ fn poses(text: &str, file: &Path) -> Result<Vec<Isometry3<f64>>, Error> {
         }
         let row: Result<Vec<f64>, _> = line.split_ascii_whitespace().map(str::parse).collect();
         match row {
-            Ok(row) if row.iter().all(|v| v.is_finite()) => rows.push((i + 1, row)),
+            Ok(row) if row.iter().all(|v| v.abs() < 1e9) => rows.push((i + 1, row)),
             _ => return Err(Error::malformed(file, format!("line {}", i + 1), "not a row of numbers", HELP)),
         }
     }
@@ -127,4 +127,38 @@ fn redwood_pose(chunk: &[(usize, Vec<f64>)]) -> Result<Isometry3<f64>, String> {
     }
     let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix(&rotation));
     Ok(Isometry3::from_parts(Translation3::new(x * 1000.0, y * 1000.0, z * 1000.0), rotation))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(text: &str) -> Result<Vec<Isometry3<f64>>, Error> {
+        poses(text, Path::new("trajectory.log"))
+    }
+
+    #[test]
+    fn redwood_and_tum_say_the_same() {
+        // A quarter turn about z, then 1, 2, 3 m.
+        let redwood = read("0 0 1\n0 -1 0 1\n1 0 0 2\n0 0 1 3\n0 0 0 1\n").unwrap();
+        let half = std::f64::consts::FRAC_1_SQRT_2;
+        let tum = read(&format!("# time x y z q\n12.5 1 2 3 0 0 {half} {half}\n")).unwrap();
+        let point = nalgebra::Point3::new(10.0, 0.0, 0.0);
+        for pose in [redwood[0], tum[0]] {
+            assert!((pose * point - nalgebra::Point3::new(1000.0, 2010.0, 3000.0)).norm() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn errors_name_the_line() {
+        for (text, place) in [
+            ("0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n", "line 1"),
+            ("0 0 1\n2 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n", "not a rotation"),
+            ("1 2 3 4 0 0 0 2\n", "length 2"),
+            ("\n1 2 x\n", "line 2"),
+        ] {
+            let error = read(text).unwrap_err().to_string();
+            assert!(error.contains("trajectory.log") && error.contains(place), "{error}");
+        }
+    }
 }

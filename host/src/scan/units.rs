@@ -60,7 +60,7 @@ impl Unit {
         }
     }
 
-    fn name(self) -> &'static str {
+    pub(super) fn name(self) -> &'static str {
         match self {
             Self::Metre => "metres",
             Self::Millimetre => "millimetres",
