@@ -67,6 +67,18 @@ fn an_input_that_cannot_be_read_is_4_and_named() {
 }
 
 #[test]
+fn an_output_that_cannot_be_written_is_5_before_any_work() {
+    let home = home();
+    let output = weldpath(home.path(), &["plan", "flat.xyz", "--out", "flat.xyz/out"]);
+    assert_eq!(output.status.code(), Some(5), "{}", stderr(&output));
+    assert!(
+        stderr(&output).contains("flat.xyz/out") && stderr(&output).contains("--out"),
+        "{}",
+        stderr(&output)
+    );
+}
+
+#[test]
 fn a_flat_plate_is_3_and_leaves_nothing_behind() {
     let home = home();
     for more in [vec![], vec!["--quiet"], vec!["--json"]] {

@@ -4,6 +4,7 @@ use std::f64::consts::{FRAC_PI_4, TAU};
 
 use nalgebra::{Matrix3, Point3, Rotation3, UnitQuaternion, Vector3};
 use weldpath::cloud::PointCloud;
+use weldpath::evaluation::{Truth, TruthSeam};
 use weldpath::pipeline::{Derived, Plan, ViewReport};
 use weldpath::seam::{Joint, Seam, Station};
 use weldpath::toolpath::{PathPoint, SeamPath};
@@ -14,7 +15,24 @@ pub const CORNER_MM: [f64; 3] = [60.3, 200.0, 0.0];
 /// Seam 1: a pipe of 40 mm diameter on a plate, torch at 45 degrees, all the way round. Seam 2: a fillet that bends by
 /// 90 degrees at [`CORNER_MM`]. Both in the plane `z = 0`; the pipe stands 80 mm high.
 pub fn pipe_and_bend() -> Plan {
-    let paths = vec![pipe(), bend()];
+    of_paths(vec![pipe(), bend()])
+}
+
+/// A perfect plan: every seam of `truth`, station for station.
+pub fn of_truth(truth: &Truth) -> Plan {
+    let vector = |v: &[f64; 3]| Vector3::from(*v);
+    let path = |(i, seam): (usize, &TruthSeam)| {
+        let ends = if seam.closed { seam.p.len() + 1 } else { seam.p.len() };
+        let at = |k: usize| {
+            let k = k % seam.p.len();
+            pose(0.0, Point3::from(seam.p[k]), vector(&seam.n[k]), vector(&seam.t[k]))
+        };
+        SeamPath { seam: i + 1, points: (0..ends).map(at).collect() }
+    };
+    of_paths(truth.seams.iter().enumerate().map(path).collect())
+}
+
+fn of_paths(paths: Vec<SeamPath>) -> Plan {
     let seams = paths.iter().map(seam).collect();
     let derived = vec![Derived { name: "voxel_mm", value: 0.8, how: "twice the mean spacing" }];
     Plan {

@@ -3,10 +3,12 @@
 use std::path::Path;
 
 use nalgebra::Point3;
+use weldpath::evaluation::{Options, PathSet, score};
 use weldpath::export::directory;
 use weldpath::export::json;
 use weldpath::job::Job;
 use weldpath::postprocessing::{Output, postprocess};
+use weldpath::simulation::{Part, Request, stage};
 use weldpath_tests::plans;
 
 fn output(job: &str) -> Output {
@@ -91,6 +93,21 @@ fn air_moves_stay_above_the_pipe() {
         .map(|w| w[1].position_mm.z)
         .collect();
     assert!(!air.is_empty() && air.iter().all(|z| (z - 105.0).abs() < 1e-6), "{air:?}");
+}
+
+#[test]
+fn a_perfect_plan_scores_full_marks_through_path_csv() {
+    for part in [Part::Pipe, Part::Fillet, Part::Saddle, Part::Branch] {
+        let truth = stage(&Request::new(part, 7)).unwrap().truth;
+        let job = Job::parse("[path]\nstandoff_mm = 12", Path::new("job.toml")).unwrap();
+        let output = postprocess(&plans::of_truth(&truth), &job, Default::default()).unwrap();
+        let paths = PathSet::parse(text(&output, "path.csv").as_bytes(), Path::new("path.csv")).unwrap();
+        let score = score(&paths, &truth, &Options { standoff_mm: 12.0, ..Options::default() });
+        let (off_mm, off_deg) = (score.rmse_mm.unwrap(), score.rmse_deg.unwrap());
+        assert!(off_mm < 0.01 && off_deg < 0.1, "{part}: {off_mm} mm, {off_deg} deg");
+        assert_eq!(score.false_share, 0.0, "{part}");
+        assert!(score.coverage > 0.99, "{part}: {}", score.coverage);
+    }
 }
 
 #[test]

@@ -79,6 +79,7 @@ pub(super) struct Args {
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let job = job(args)?;
+    directory::check(&args.out).map_err(not_written)?;
     let mut progress = Progress::new(args.quiet, args.dump_stages);
     let result = plan(&job, &mut progress);
     let stages = progress.finish();

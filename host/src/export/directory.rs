@@ -49,6 +49,13 @@ pub fn write(directory: &Path, files: &[File]) -> Result<(), Error> {
     result
 }
 
+/// Whether [`write()`] may put files there, asked before the work that makes them. Changes nothing.
+pub fn check(directory: &Path) -> Result<(), Error> {
+    let named = directory.ancestors().filter(|a| !a.as_os_str().is_empty());
+    let nearest = named.chain([Path::new(".")]).find(|a| a.exists()).unwrap_or(directory);
+    tempfile::Builder::new().prefix(".weldpath-").tempdir_in(nearest).map(drop).map_err(Error::at(directory))
+}
+
 /// Makes `directory` and tells the topmost folder that was not there before.
 fn make(directory: &Path) -> Result<Option<PathBuf>, Error> {
     let missing = directory.ancestors().take_while(|a| !a.as_os_str().is_empty() && !a.exists()).last();
@@ -148,6 +155,8 @@ mod tests {
         let home = tempfile::tempdir().unwrap();
         let blocked = home.path().join("file");
         std::fs::write(&blocked, "").unwrap();
+        assert!(check(&blocked.join("out")).is_err());
+        assert!(check(&home.path().join("a/b")).is_ok());
         let error = write(&blocked.join("out"), &[File::new("one", "1")]).unwrap_err();
         assert!(error.to_string().contains("file"), "{error}");
         assert_eq!(names(home.path()), ["file"]);
