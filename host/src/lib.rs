@@ -5,11 +5,15 @@
 #![forbid(unsafe_code)]
 
 pub mod cloud;
+pub mod downsampling;
 pub mod evaluation;
 pub mod export;
+pub mod grid;
 pub mod job;
+pub mod normals;
 pub mod pipeline;
 pub mod postprocessing;
+pub mod reconstruction;
 pub mod scan;
 pub mod seam;
 pub mod selection;
