@@ -40,7 +40,7 @@ pub struct Simulated {
     pub views: Vec<SimulatedView>,
     /// Seams and true camera poses.
     pub truth: Truth,
-    /// How [`write`] stores the views.
+    /// How [`write()`] stores the views.
     pub format: Format,
 }
 
