@@ -8,20 +8,20 @@ use crate::normals::{Cells, Moments, Patches, median};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
-/// How the voxel grid is laid: the largest of three lengths.
+/// How the voxel grid is laid: the larger of two lengths.
 #[derive(Debug, Clone, Copy)]
 pub struct Config {
     /// Edge of a voxel in mean spacings of a view; the paper's "multiple of the average distance".
     pub spacings: f32,
-    /// Edge of a voxel in standard deviations of the noise, if that is more.
-    pub noises: f32,
-    /// Edge of a voxel as a share of the cloud's diagonal, if that is more.
+    /// Edge of a voxel that resolves the plate edges and bevels of arc welding, mm, if that is more.
+    pub feature_mm: f32,
+    /// The same on small work, as a share of its extent.
     pub share_of_extent: f32,
 }
 
 impl Default for Config {
     fn default() -> Self {
-        Self { spacings: 1.5, noises: 2.2, share_of_extent: 1.0 / 700.0 }
+        Self { spacings: 1.3, feature_mm: 1.2, share_of_extent: 1.0 / 120.0 }
     }
 }
 
@@ -45,10 +45,14 @@ impl Scale {
     pub fn of(merged: &Merged, patches: &[Patches], config: &Config) -> Self {
         let middle = |f: fn(&Patches) -> f32| median(&mut patches.iter().map(f).collect::<Vec<_>>());
         let (spacing_mm, noise_mm) = (middle(|p| p.spacing_mm), middle(|p| p.noise_mm));
+        let small_mm = config.share_of_extent * extent_mm(merged);
         let sizes = [
-            (config.spacings * spacing_mm, "1.5 x mean spacing"),
-            (config.noises * noise_mm, "2.2 x noise"),
-            (config.share_of_extent * extent_mm(merged), "diagonal / 700"),
+            (config.spacings * spacing_mm, "1.3 x mean spacing"),
+            if small_mm < config.feature_mm {
+                (small_mm, "extent / 120")
+            } else {
+                (config.feature_mm, "what resolves plate edges and bevels")
+            },
         ];
         let (edge_mm, how) = sizes.into_iter().max_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((1.0, "fixed"));
         let edge_mm = edge_mm.max(1e-3);
@@ -68,13 +72,13 @@ impl Scale {
     }
 }
 
-/// Diagonal of the box that holds all but the outermost hundredth on each side of each axis, mm.
+/// Diagonal of the box that holds the middle four fifths of the points on each axis, mm: free of outliers.
 fn extent_mm(merged: &Merged) -> f32 {
     let step = (merged.points_mm.len() / 20_000).max(1);
     let span = |axis: usize| {
         let mut v: Vec<f32> = merged.points_mm.iter().step_by(step).map(|p| p[axis]).collect();
         v.sort_unstable_by(f32::total_cmp);
-        let cut = v.len() / 100;
+        let cut = v.len() / 10;
         v.get(v.len().saturating_sub(1 + cut)).unwrap_or(&0.0) - v.get(cut).unwrap_or(&0.0)
     };
     Vector3::new(span(0), span(1), span(2)).norm()

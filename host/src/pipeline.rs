@@ -142,7 +142,7 @@ fn derived(scale: &downsampling::Scale, gate: f32) -> Vec<Derived> {
     let filter = scale.bilateral();
     vec![
         row("spacing_mm", scale.spacing_mm, "mean distance to the nearest neighbour within a view"),
-        row("noise_mm", scale.noise_mm, "median deviation of points from the planes fitted to them"),
+        row("noise_mm", scale.noise_mm, "lower quartile of the deviation of points from the planes fitted to them"),
         row("voxel_mm", scale.edge_mm, scale.how),
         row("voxel_points", scale.least as f32, "points a voxel must hold, from the usual number"),
         row("bilateral_radius_mm", filter.radius_mm, "3 voxels"),

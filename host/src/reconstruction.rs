@@ -96,8 +96,6 @@ pub fn register(views: &[View], patches: &[Patches], config: &Config) -> Registr
     icp::Problem::new(views, patches, config).solve(config)
 }
 
-/// Standard deviation above which a view's place at the work counts as not tied down, mm.
-const LOOSE_MM: f64 = 0.35;
 /// Share of aligned patches below which a view counts as not registered.
 const POOR_FITNESS: f64 = 0.35;
 

@@ -66,7 +66,8 @@ pub fn classify(section: &Section, closed: bool) -> (Joint, String) {
     const LIKE: f32 = 0.75;
     let opening = section.opening_deg;
     let like_other = |k: usize| section.beyond[k].is_some_and(|b| b.y > LIKE);
-    let like_bisector = |k: usize| section.beyond[k].is_some_and(|b| b.z > LIKE);
+    // Between plates the surface beyond a bevel faces along the bisector, at an outside corner along the other face.
+    let like_bisector = |k: usize| section.beyond[k].is_some_and(|b| b.z > LIKE && b.z > b.y);
     let steady = section.steadiness.map(|s| s > 0.97);
     if section.short == [true, true] && like_bisector(0) && like_bisector(1) {
         return (Joint::ButtV, format!("two bevels at {opening:.0} degrees below one surface"));
