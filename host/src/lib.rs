@@ -12,6 +12,7 @@ pub mod export;
 pub mod grid;
 pub mod job;
 pub mod normals;
+pub mod orientation;
 pub mod pipeline;
 pub mod postprocessing;
 pub mod reconstruction;

@@ -53,7 +53,6 @@ pub struct Corner {
 struct Face {
     normal: Vector3<f32>,
     offset: f32,
-    centre: Vector3<f32>,
     count: usize,
 }
 
@@ -80,9 +79,9 @@ pub fn fit(points: &[Near], voxel_mm: f32, config: &Config) -> Option<(Corner, V
     let (wa, wb) =
         ((a.offset - cosine * b.offset) / (sine * sine), (b.offset - cosine * a.offset) / (sine * sine));
     let foot = a.normal * wa + b.normal * wb;
-    let concave = 0.25 * voxel_mm;
-    let rises = (a.centre - foot).dot(&b.normal) > concave && (b.centre - foot).dot(&a.normal) > concave;
-    if !rises || foot.norm() > config.move_voxels * voxel_mm {
+    let in_front = [in_front(points, &a, &b, tolerance), in_front(points, &b, &a, tolerance)];
+    let concave = in_front[0].min(in_front[1]) > 0.35 && in_front[0] + in_front[1] > 1.2;
+    if !concave || foot.norm() > config.move_voxels * voxel_mm {
         return None;
     }
     let share = (a.count + b.count) as f32 / points.len() as f32;
@@ -168,12 +167,25 @@ fn round(
         (moments[k].count >= 8.0).then(|| Face {
             normal,
             offset: plane.mean.dot(&normal),
-            centre: plane.mean,
             count: moments[k].count as usize,
         })
     };
     let faces = [face(0)?, face(1)?];
     (faces[0].normal.cross(&faces[1].normal).norm() > 0.3).then_some(faces)
+}
+
+/// Share of a face that lies in front of the other: 1 at an inside corner, 0 at an outside one, a half where the face
+/// goes on behind the other, as in a model that shows hidden surfaces.
+fn in_front(points: &[Near], face: &Face, other: &Face, tolerance: f32) -> f32 {
+    let (mut front, mut clear) = (0.0f32, 0.0f32);
+    for p in points.iter().filter(|p| (p.offset.dot(&face.normal) - face.offset).abs() < tolerance) {
+        let height = p.offset.dot(&other.normal) - other.offset;
+        if height.abs() > tolerance {
+            clear += 1.0;
+            front += f32::from(u8::from(height > 0.0));
+        }
+    }
+    front / clear.max(1.0)
 }
 
 /// Distance from the line at which a face begins.

@@ -24,7 +24,7 @@ pub fn section(seam: &Refined, model: &PointCloud, grid: &Grid, voxel_mm: f32, m
     let n = seam.frames.len() as f32;
     let mean = |k: usize| seam.frames.iter().map(|f| f.faces[k]).sum::<Vector3<f32>>() / n;
     let cosine = seam.frames.iter().map(|f| f.faces[0].dot(&f.faces[1])).sum::<f32>() / n;
-    let short = seam.reach_mm.map(|r| r < 0.93 * most_mm);
+    let short = seam.reach_mm.map(|r| r < super::refine::NARROW * most_mm);
     Section {
         opening_deg: 180.0 - cosine.clamp(-1.0, 1.0).acos().to_degrees(),
         short,
@@ -44,7 +44,9 @@ fn beyond(seam: &Refined, k: usize, model: &PointCloud, grid: &Grid, voxel_mm: f
         let mut sum = Vector3::zeros();
         grid.within(&lip, 5.0 * voxel_mm, |slot, _| {
             let normal = model.normals[grid.index(slot)];
-            if normal.dot(&frame.faces[k]).abs() < 0.8 && (grid.point(slot) - frame.position).dot(&into) > seam.reach_mm[k] {
+            if normal.dot(&frame.faces[k]).abs() < 0.8
+                && (grid.point(slot) - frame.position).dot(&into) > seam.reach_mm[k]
+            {
                 sum += normal;
             }
         });

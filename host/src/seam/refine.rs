@@ -49,6 +49,11 @@ impl Default for Config {
     }
 }
 
+/// Faces that meet at less leave a gap or a root face between them, degrees.
+const ACUTE_DEG: f32 = 75.0;
+/// Share of the farthest reach below which a face counts as narrow.
+pub const NARROW: f32 = 0.93;
+
 /// A refined seam.
 #[derive(Debug, Clone)]
 pub struct Refined {
@@ -214,7 +219,7 @@ impl Section {
         let all = beside(merged, near, &path.frames, path.closed, path.step_mm, most_mm + 2.5 * voxel_mm);
         let mut cosines: Vec<f32> = path.frames.iter().map(|f| f.faces[0].dot(&f.faces[1])).collect();
         let opening_deg = 180.0 - median(&mut cosines).clamp(-1.0, 1.0).acos().to_degrees();
-        let root_mm = voxel_mm * if opening_deg < 75.0 { config.acute_root } else { config.root };
+        let root_mm = voxel_mm * if opening_deg < ACUTE_DEG { config.acute_root } else { config.root };
         let gate_mm = voxel_mm * (1.7 - 0.35 * round as f32).max(1.0);
         let scale = Reach { from_mm: root_mm, inner_mm: 5.4 * voxel_mm, most_mm };
         let mut section = Self {
@@ -240,7 +245,9 @@ impl Section {
             points.retain(|p| p.u < section.reach_mm[face]);
             points.sort_unstable_by(|a, b| a.s.total_cmp(&b.s));
             section.points[face] = points;
-            section.bend[face] = section.bends(path, face);
+            // Bevels are flat across, and too narrow to tell curvature from the rounding of their lips.
+            let bevel = opening_deg < ACUTE_DEG && section.reach_mm[face] < NARROW * most_mm;
+            section.bend[face] = if bevel { vec![0.0; path.frames.len()] } else { section.bends(path, face) };
         }
         if section.bend.iter().flatten().any(|b| b.abs() > 1e-3) {
             let limit = config.curved_reach * voxel_mm;
@@ -354,6 +361,35 @@ impl Section {
         Some(Station { across, normals, fits, present, view_share })
     }
 
+    /// Rows of an open seam, the first of which is at `start_mm` along it, cut to where both faces have points.
+    fn trim(&self, rows: Vec<[f64; 9]>, start_mm: f32, step_mm: f32) -> Vec<[f64; 9]> {
+        let near = |f: usize| self.points[f].iter().filter(|p| p.u < self.inner_mm).map(|p| p.s);
+        let (mut low, mut high) = (f32::MIN, f32::MAX);
+        for f in 0..2 {
+            // A few points beyond the end are noise.
+            let all: Vec<f32> = near(f).collect();
+            let spare = (all.len() / 200).min(12);
+            if let (Some(first), Some(last)) = (all.get(spare), all.get(all.len().saturating_sub(1 + spare)))
+            {
+                low = low.max(*first);
+                high = high.min(*last);
+            }
+        }
+        let last = rows.len() - 1;
+        let at = |s: f32| ((s - start_mm) / step_mm).clamp(0.0, last as f32);
+        let (from, to) = (at(low), at(high));
+        if to - from < 3.0 {
+            return rows;
+        }
+        let between = |at: f32| {
+            let k = (at as usize).min(last - 1);
+            let share = f64::from(at - k as f32);
+            std::array::from_fn(|d| rows[k][d] * (1.0 - share) + rows[k + 1][d] * share)
+        };
+        let inner = rows[from.floor() as usize + 1..to.ceil() as usize].to_vec();
+        std::iter::once(between(from)).chain(inner).chain([between(to)]).collect()
+    }
+
     fn view_share(&self, face: usize, s: f32) -> Vec<f32> {
         let mut share = vec![0.0; self.views];
         for (p, _) in self.window(face, s) {
@@ -446,6 +482,7 @@ fn smoothed(
         .zip(&smooth_normals)
         .map(|(p, n)| [p[0], p[1], p[2], n[0], n[1], n[2], n[3], n[4], n[5]])
         .collect();
+    let rows = if path.closed { rows } else { section.trim(rows, from as f32 * path.step_mm, path.step_mm) };
     let (rows, new_step_mm) = resampled(&rows, path.closed, path.step_mm);
     let frames = frames(&rows, path.closed)?;
     let misses = |curve: &[[f64; 3]]| -> f64 {
