@@ -1,5 +1,7 @@
 //! Behaviour across packages; the tests themselves are in `tests/tests/`.
 
+pub mod qemu;
+
 use std::path::{Path, PathBuf};
 
 /// A file or folder of the data that lies beside a checkout, `shared/data/`, if it is there.

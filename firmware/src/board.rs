@@ -1,0 +1,49 @@
+//! What the pendant needs of a board. The modules below are the only ones with `unsafe`.
+//!
+//! Every board module has: `start` (clocks, ports, interrupts; outputs stay off; the tick runs), a `Watchdog` to feed,
+//! `wake_link`, `outputs_off` (from any context, without a queue or a lock), `nonce`; and calls [`crate::torch::tick`]
+//! every 2 ms at the highest priority and [`crate::serial::LINK`] from its port's interrupts.
+
+mod cortex_m4;
+#[cfg(feature = "mps2-an386")]
+mod mps2_an386;
+#[cfg(feature = "stm32f407")]
+mod stm32f407;
+
+pub use cortex_m4::{BootRecord, ResetCause, boot_record, reset, stack_used_bytes};
+#[cfg(feature = "mps2-an386")]
+pub use mps2_an386::{board_entropy, outputs_off, start, wake_link};
+#[cfg(feature = "stm32f407")]
+pub use stm32f407::{board_entropy, outputs_off, start, wake_link};
+
+/// Pins that the torch reads. They are pins and never messages.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Inputs {
+    /// The emergency stop is pressed, or its wire is broken.
+    pub estop: bool,
+    /// The enabling switch is held in its middle position.
+    pub enable: bool,
+    /// The operator's local reset button.
+    pub reset: bool,
+}
+
+impl Inputs {
+    /// What an unknown state is taken for.
+    pub const SAFE: Self = Self { estop: true, enable: false, reset: false };
+}
+
+/// Pins that the torch drives.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Outputs {
+    /// Arc power.
+    pub arc: bool,
+    /// Shielding gas valve.
+    pub gas: bool,
+    /// Motion enable of the robot.
+    pub motion: bool,
+}
+
+impl Outputs {
+    /// Nothing energised.
+    pub const OFF: Self = Self { arc: false, gas: false, motion: false };
+}

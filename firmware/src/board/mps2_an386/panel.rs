@@ -1,0 +1,89 @@
+//! The emulated panel's bytes.
+//!
+//! In: `0x40 | estop | enable << 1 | reset << 2`, the state of the three inputs; before the first one the emergency
+//! stop counts as pressed. `!` makes the firmware panic, `$` hang and `%` overflow its stack: faults that a test
+//! cannot cause from outside.
+//! Out: `0x80 | arc | gas << 1 | motion << 2` or `0xa0 | reset cause`, each followed by the tick in five groups of
+//! seven bits, highest first; and [`ALL_OFF`] alone, which the first instruction and every fatal handler send.
+
+use core::cell::RefCell;
+use core::sync::atomic::{AtomicBool, AtomicU8, Ordering::Relaxed};
+
+use critical_section::Mutex;
+use heapless::Deque;
+
+use crate::board::{Inputs, Outputs, ResetCause};
+
+/// Outputs off, no clock.
+pub const ALL_OFF: u8 = 0xe0;
+
+static STATE: AtomicU8 = AtomicU8::new(0x41);
+/// What the lamps show; none of the codes at first, so that the first tick reports.
+static SHOWN: AtomicU8 = AtomicU8::new(0);
+static WAITING: Mutex<RefCell<Deque<u8, 96>>> = Mutex::new(RefCell::new(Deque::new()));
+static HANG: AtomicBool = AtomicBool::new(false);
+
+/// A byte from the panel.
+pub fn received(byte: u8) {
+    match byte {
+        0x40..=0x47 => STATE.store(byte, Relaxed),
+        b'!' => panic!("asked for by the panel"),
+        b'$' => HANG.store(true, Relaxed),
+        b'%' => {
+            overflow(0);
+        }
+        _ => {}
+    }
+}
+
+/// The inputs as the panel last told them.
+pub fn inputs() -> Inputs {
+    let state = STATE.load(Relaxed);
+    Inputs { estop: state & 1 != 0, enable: state & 2 != 0, reset: state & 4 != 0 }
+}
+
+/// Drives the lamps: a report when they change. If it finds no room, the next tick tries again.
+pub fn show(outputs: Outputs, tick: u32) {
+    #[allow(clippy::while_immutable_condition, clippy::empty_loop)]
+    while HANG.load(Relaxed) {}
+    let code = 0x80 | u8::from(outputs.arc) | u8::from(outputs.gas) << 1 | u8::from(outputs.motion) << 2;
+    if SHOWN.load(Relaxed) != code && report(code, tick) {
+        SHOWN.store(code, Relaxed);
+    }
+}
+
+/// Says why the firmware started.
+pub fn report_boot(cause: ResetCause) {
+    report(0xa0 | cause as u8, 0);
+}
+
+/// The next byte for the panel.
+pub fn next_to_send() -> Option<u8> {
+    critical_section::with(|cs| WAITING.borrow_ref_mut(cs).pop_front())
+}
+
+/// Queues a code and its tick; false if there is no room.
+fn report(code: u8, tick: u32) -> bool {
+    let group = |i: u32| (tick >> (7 * i)) as u8 & 0x7f;
+    let frame = [code, group(4), group(3), group(2), group(1), group(0)];
+    let queued = critical_section::with(|cs| {
+        let mut waiting = WAITING.borrow_ref_mut(cs);
+        let fits = waiting.capacity() - waiting.len() >= frame.len();
+        if fits {
+            waiting.extend(frame);
+        }
+        fits
+    });
+    if queued {
+        super::wake_panel();
+    }
+    queued
+}
+
+/// Uses stack without end.
+#[inline(never)]
+#[allow(unconditional_recursion)]
+fn overflow(depth: u32) -> u32 {
+    let frame = core::hint::black_box([depth; 64]);
+    overflow(depth.wrapping_add(1)).wrapping_add(frame.iter().sum())
+}
