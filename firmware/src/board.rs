@@ -1,8 +1,9 @@
 //! What the pendant needs of a board. The modules below are the only ones with `unsafe`.
 //!
-//! Every board module has: `start` (clocks, ports, interrupts; outputs stay off; the tick runs), a `Watchdog` to feed,
-//! `wake_link`, `outputs_off` (from any context, without a queue or a lock), `nonce`; and calls [`crate::torch::tick`]
-//! every 2 ms at the highest priority and [`crate::serial::LINK`] from its port's interrupts.
+//! Every board module has: `start` (clocks, ports, interrupts; outputs stay off; the tick runs), which gives a
+//! `Watchdog` to feed and a number that differs from start to start; `wake_link`; `outputs_off` (from any context,
+//! without a queue or a lock); `watchdog_fired`. It calls [`crate::torch::tick`] every 2 ms at the highest priority
+//! and [`crate::serial::LINK`] from its port's interrupts.
 
 mod cortex_m4;
 #[cfg(feature = "mps2-an386")]
@@ -12,9 +13,9 @@ mod stm32f407;
 
 pub use cortex_m4::{BootRecord, ResetCause, boot_record, reset, stack_used_bytes};
 #[cfg(feature = "mps2-an386")]
-pub use mps2_an386::{board_entropy, outputs_off, start, wake_link};
+pub use mps2_an386::{outputs_off, start, wake_link, watchdog_fired};
 #[cfg(feature = "stm32f407")]
-pub use stm32f407::{board_entropy, outputs_off, start, wake_link};
+pub use stm32f407::{outputs_off, start, wake_link, watchdog_fired};
 
 /// Pins that the torch reads. They are pins and never messages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -25,11 +26,13 @@ pub struct Inputs {
     pub enable: bool,
     /// The operator's local reset button.
     pub reset: bool,
+    /// The power source says that current flows.
+    pub established: bool,
 }
 
 impl Inputs {
     /// What an unknown state is taken for.
-    pub const SAFE: Self = Self { estop: true, enable: false, reset: false };
+    pub const SAFE: Self = Self { estop: true, enable: false, reset: false, established: false };
 }
 
 /// Pins that the torch drives.
@@ -41,9 +44,11 @@ pub struct Outputs {
     pub gas: bool,
     /// Motion enable of the robot.
     pub motion: bool,
+    /// Wire feed.
+    pub wire: bool,
 }
 
 impl Outputs {
     /// Nothing energised.
-    pub const OFF: Self = Self { arc: false, gas: false, motion: false };
+    pub const OFF: Self = Self { arc: false, gas: false, motion: false, wire: false };
 }

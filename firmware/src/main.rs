@@ -21,8 +21,9 @@ use core::panic::PanicInfo;
 #[cortex_m_rt::entry]
 fn main() -> ! {
     let boot = board::boot_record();
-    defmt::info!("boot {=u32} after {}, nonce {=u32:x}", boot.count, boot.cause, boot.nonce);
-    let mut watchdog = board::start(&boot);
+    let (mut watchdog, entropy) = board::start(&boot);
+    let nonce = (entropy ^ boot.count).wrapping_mul(0x9e37_79b9);
+    defmt::info!("boot {=u32} after {}, nonce {=u32:x}", boot.count, boot.cause, nonce);
     let mut fed_at = torch::ticks();
     loop {
         while let Some(byte) = serial::LINK.take_received() {

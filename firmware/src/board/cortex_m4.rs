@@ -28,8 +28,6 @@ pub struct BootRecord {
     pub count: u32,
     /// Why it started.
     pub cause: ResetCause,
-    /// Different after every start: the device's part of a session's name.
-    pub nonce: u32,
 }
 
 /// Survives a reset: the start-up code leaves `.uninit` alone.
@@ -56,11 +54,11 @@ pub fn boot_record() -> BootRecord {
         1 if known => ResetCause::Panic,
         2 if known => ResetCause::Fault,
         3 if known => ResetCause::Watchdog,
+        _ if super::watchdog_fired() => ResetCause::Watchdog,
         _ => ResetCause::Power,
     };
     keep(Kept { magic: MAGIC, count, cause: ResetCause::Power as u32 });
-    let nonce = (super::board_entropy() ^ count).wrapping_mul(0x9e37_79b9);
-    BootRecord { count, cause, nonce }
+    BootRecord { count, cause }
 }
 
 fn keep(kept: Kept) {

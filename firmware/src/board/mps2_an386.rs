@@ -1,7 +1,7 @@
 //! Arm MPS2 with the AN386 image as QEMU emulates it (`-M mps2-an386`).
 //!
 //! QEMU gives the machine no pins, so the panel - emergency stop, enabling switch, reset button, and the lamps for
-//! arc, gas and motion - is a second serial port that only the tick touches. Addresses: Arm AN386, chapter 3.
+//! arc, gas, motion and wire - is a second serial port that only the tick touches. Addresses: Arm AN386, chapter 3.
 #![allow(unsafe_code)]
 
 mod panel;
@@ -77,8 +77,9 @@ global_asm!(
     off = const panel::ALL_OFF,
 );
 
-/// Starts ports, watchdog and tick. Outputs stay off.
-pub fn start(boot: &BootRecord) -> Watchdog {
+/// Starts ports, watchdog and tick; the host's clock, as QEMU has nothing else that differs from start to start.
+/// Outputs stay off.
+pub fn start(boot: &BootRecord) -> (Watchdog, u32) {
     panel::report_boot(boot.cause);
     LINK.start();
     PANEL.start();
@@ -99,7 +100,8 @@ pub fn start(boot: &BootRecord) -> Watchdog {
         NVIC::unmask(Line::Timer);
     }
     wake_panel();
-    watchdog
+    // SAFETY: semihosting call SYS_TIME takes no argument and returns a number.
+    (watchdog, unsafe { syscall!(TIME) as u32 })
 }
 
 /// Makes the transmit interrupt run.
@@ -116,10 +118,9 @@ pub fn outputs_off() {
     PANEL.send(panel::ALL_OFF);
 }
 
-/// The host's clock, seconds: QEMU has no other source of difference between two starts.
-pub fn board_entropy() -> u32 {
-    // SAFETY: semihosting call SYS_TIME takes no argument and returns a number.
-    unsafe { syscall!(TIME) as u32 }
+/// Never: the image has no reset register; its NMI notes the cause.
+pub fn watchdog_fired() -> bool {
+    false
 }
 
 /// CMSDK watchdog: an NMI when it runs out, a reset if that hangs, too.

@@ -23,6 +23,8 @@ pub enum Seen {
         gas: bool,
         /// Motion enable.
         motion: bool,
+        /// Wire feed.
+        wire: bool,
         /// 500 a second since the start.
         tick: u32,
     },
@@ -81,9 +83,10 @@ fn decode(bytes: &mut impl Iterator<Item = u8>) -> Option<Seen> {
         };
         match code {
             0xe0 => return Some(Seen::AllOff),
-            0x80..=0x87 => {
-                let (arc, gas, motion) = (code & 1 != 0, code & 2 != 0, code & 4 != 0);
-                return Some(Seen::Outputs { arc, gas, motion, tick: clock(bytes) });
+            0x80..=0x8f => {
+                let is = |bit: u8| code & 1 << bit != 0;
+                let tick = clock(bytes);
+                return Some(Seen::Outputs { arc: is(0), gas: is(1), motion: is(2), wire: is(3), tick });
             }
             0xa0..=0xa3 => {
                 clock(bytes);

@@ -1,9 +1,9 @@
 //! The emulated panel's bytes.
 //!
-//! In: `0x40 | estop | enable << 1 | reset << 2`, the state of the three inputs; before the first one the emergency
+//! In: `0x40 | estop | enable << 1 | reset << 2 | established << 3`, the state of the inputs; before the first one the emergency
 //! stop counts as pressed. `!` makes the firmware panic, `$` hang and `%` overflow its stack: faults that a test
 //! cannot cause from outside.
-//! Out: `0x80 | arc | gas << 1 | motion << 2` or `0xa0 | reset cause`, each followed by the tick in five groups of
+//! Out: `0x80 | arc | gas << 1 | motion << 2 | wire << 3` or `0xa0 | reset cause`, each followed by the tick in five groups of
 //! seven bits, highest first; and [`ALL_OFF`] alone, which the first instruction and every fatal handler send.
 
 use core::cell::RefCell;
@@ -26,7 +26,7 @@ static HANG: AtomicBool = AtomicBool::new(false);
 /// A byte from the panel.
 pub fn received(byte: u8) {
     match byte {
-        0x40..=0x47 => STATE.store(byte, Relaxed),
+        0x40..=0x4f => STATE.store(byte, Relaxed),
         b'!' => panic!("asked for by the panel"),
         b'$' => HANG.store(true, Relaxed),
         b'%' => {
@@ -39,14 +39,16 @@ pub fn received(byte: u8) {
 /// The inputs as the panel last told them.
 pub fn inputs() -> Inputs {
     let state = STATE.load(Relaxed);
-    Inputs { estop: state & 1 != 0, enable: state & 2 != 0, reset: state & 4 != 0 }
+    let is = |bit: u8| state & 1 << bit != 0;
+    Inputs { estop: is(0), enable: is(1), reset: is(2), established: is(3) }
 }
 
 /// Drives the lamps: a report when they change. If it finds no room, the next tick tries again.
 pub fn show(outputs: Outputs, tick: u32) {
     #[allow(clippy::while_immutable_condition, clippy::empty_loop)]
     while HANG.load(Relaxed) {}
-    let code = 0x80 | u8::from(outputs.arc) | u8::from(outputs.gas) << 1 | u8::from(outputs.motion) << 2;
+    let Outputs { arc, gas, motion, wire } = outputs;
+    let code = [wire, motion, gas, arc].iter().fold(0b1000, |bits, &on| bits << 1 | u8::from(on));
     if SHOWN.load(Relaxed) != code && report(code, tick) {
         SHOWN.store(code, Relaxed);
     }
