@@ -13,9 +13,9 @@ mod stm32f407;
 
 pub use cortex_m4::{BootRecord, ResetCause, boot_record, reset, stack_used_bytes};
 #[cfg(feature = "mps2-an386")]
-pub use mps2_an386::{outputs_off, start, wake_link, watchdog_fired};
+pub use mps2_an386::{Stopwatch, Watchdog, outputs_off, start, wake_link, watchdog_fired};
 #[cfg(feature = "stm32f407")]
-pub use stm32f407::{outputs_off, start, wake_link, watchdog_fired};
+pub use stm32f407::{Watchdog, outputs_off, start, wake_link, watchdog_fired};
 
 /// Pins that the torch reads. They are pins and never messages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

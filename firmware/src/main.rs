@@ -1,22 +1,8 @@
-//! The torch-side pendant's firmware.
-//!
-//! | priority | what | where |
-//! |---|---|---|
-//! | highest | every 2 ms: read the pins, step the torch, drive the outputs | [`torch::tick`] |
-//! | lower | bytes from and to the host's serial line | [`serial`] |
-//! | none | decode, answer, feed the watchdog | `main` |
-//!
-//! No allocator; nothing waits for a transmitter; `unsafe` only in [`board`]. A panic, a fault and a hang all end in
-//! outputs off and a reset whose cause is reported.
+//! The pendant: sets up the board, then decodes and answers for ever. See the library for the whole.
 #![no_std]
 #![no_main]
 
-mod board;
-mod serial;
-mod torch;
-
-use board::ResetCause;
-use core::panic::PanicInfo;
+use weldpath_firmware::{board, serial, torch};
 
 #[cortex_m_rt::entry]
 fn main() -> ! {
@@ -37,13 +23,4 @@ fn main() -> ! {
         }
         cortex_m::asm::wfi();
     }
-}
-
-#[panic_handler]
-fn panic(info: &PanicInfo) -> ! {
-    board::outputs_off();
-    if let Some(place) = info.location() {
-        defmt::error!("panic at {=str}:{=u32}", place.file(), place.line());
-    }
-    board::reset(ResetCause::Panic)
 }

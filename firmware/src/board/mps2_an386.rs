@@ -23,6 +23,7 @@ const WATCHDOG_CYCLES: u32 = CLOCK_HZ / 2;
 const LINK: Uart = Uart(0x4000_4000);
 const PANEL: Uart = Uart(0x4000_5000);
 const TIMER: usize = 0x4000_0000;
+const STOPWATCH: usize = 0x4000_1000;
 const WATCHDOG: usize = 0x4000_8000;
 
 /// Interrupt lines of the image that are used here.
@@ -137,6 +138,33 @@ impl Watchdog {
     /// Starts its count again.
     pub fn feed(&mut self) {
         write(WATCHDOG + 0xc, 1);
+    }
+}
+
+/// Counts instructions under `-icount shift=10`, where one takes 1024 ns, by a timer of 40 ns.
+pub struct Stopwatch {
+    /// What an empty measurement shows.
+    empty: u32,
+}
+
+impl Stopwatch {
+    /// Starts the second timer.
+    pub fn start() -> Self {
+        write(STOPWATCH + 0x4, u32::MAX);
+        write(STOPWATCH + 0x8, u32::MAX);
+        write(STOPWATCH, 0b1);
+        Self { empty: Self { empty: 0 }.instructions(|| ()) }
+    }
+
+    /// Instructions that `work` takes.
+    #[inline(never)]
+    pub fn instructions<T>(&self, work: impl FnOnce() -> T) -> u32 {
+        let before = read(STOPWATCH + 0x4);
+        let result = work();
+        let after = read(STOPWATCH + 0x4);
+        core::hint::black_box(result);
+        let nanoseconds = u64::from(before.wrapping_sub(after)) * 40;
+        ((nanoseconds + 512) / 1024) as u32 - self.empty
     }
 }
 

@@ -64,7 +64,8 @@ pub fn start(_boot: &BootRecord) -> (Watchdog, u32) {
     };
     let clocks = Config::hse(8.MHz()).sysclk(168.MHz()).require_pll48clk();
     let mut rcc = device.RCC.freeze(clocks);
-    let (a, d, e) = (device.GPIOA.split(&mut rcc), device.GPIOD.split(&mut rcc), device.GPIOE.split(&mut rcc));
+    let (a, d, e) =
+        (device.GPIOA.split(&mut rcc), device.GPIOD.split(&mut rcc), device.GPIOE.split(&mut rcc));
     let line = Serial::new(device.USART2, (a.pa2, a.pa3), BAUD.bps(), &mut rcc);
     let Ok(line) = line else { super::reset(ResetCause::Fault) };
     let (tx, mut rx) = line.split();
