@@ -20,6 +20,7 @@ pub mod math;
 pub mod path;
 pub mod pendant;
 pub mod rotation;
+pub mod seam;
 pub mod sender;
 pub mod wire;
 

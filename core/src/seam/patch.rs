@@ -1,0 +1,110 @@
+//! A few points with their neighbour lists: the edge scores where no spatial index fits.
+
+use super::{Ball, Neighbourhood, RatioThreshold, Tensor, gradient, intensity::asymmetry};
+use crate::{Point, Vector, math};
+use heapless::Vec;
+
+/// Up to `P` points, each with up to `K` neighbours.
+#[derive(Debug, Clone, Default)]
+pub struct Patch<const P: usize, const K: usize> {
+    points: Vec<Point, P>,
+    neighbours: Vec<Neighbourhood<K>, P>,
+    intensity: Vec<f32, P>,
+    gradient: Vec<Vector, P>,
+}
+
+/// What a point's neighbourhood says about an edge there.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct EdgeScore {
+    /// Eq. (12).
+    pub intensity: f32,
+    /// `Tr³/Det` of eq. (16).
+    pub ratio: f32,
+    /// Whether the ratio reaches the threshold.
+    pub is_edge: bool,
+}
+
+impl<const P: usize, const K: usize> Patch<P, K> {
+    /// Finds the neighbours of every point by brute force. `None` for more than `P` points, or for fewer than two.
+    pub fn new(points: &[Point], ball: &Ball) -> Option<Self> {
+        let mut patch = Self { points: Vec::from_slice(points).ok()?, ..Self::default() };
+        for centre in 0..points.len() {
+            patch.neighbours.push(Neighbourhood::of(points, centre, ball)?).ok()?;
+        }
+        patch.measure();
+        Some(patch)
+    }
+
+    /// Intensities of all points, then gradients, which need their neighbours' intensities.
+    fn measure(&mut self) {
+        for (point, near) in self.points.iter().zip(&self.neighbours) {
+            let mut offsets_mm = Vec::<Vector, K>::new();
+            offsets_mm.extend(near.offsets_mm(&self.points, point));
+            let value = math::norm(&asymmetry(&offsets_mm, near.radius_mm));
+            let _ = self.intensity.push(value);
+        }
+        for ((point, near), &own) in self.points.iter().zip(&self.neighbours).zip(&self.intensity) {
+            let mut offsets_mm = Vec::<Vector, K>::new();
+            offsets_mm.extend(near.offsets_mm(&self.points, point));
+            let differences =
+                near.indices.iter().map(|&k| self.intensity.get(usize::from(k)).map_or(0.0, |i| i - own));
+            let _ = self.gradient.push(gradient(offsets_mm.iter().zip(differences)));
+        }
+    }
+
+    /// Score of one point; `None` for an index out of range.
+    pub fn score(&self, index: usize, threshold: RatioThreshold) -> Option<EdgeScore> {
+        let (near, own) = (self.neighbours.get(index)?, self.gradient.get(index)?);
+        let point = self.points.get(index)?;
+        let neighbours = near.indices.iter().filter_map(|&k| {
+            let k = usize::from(k);
+            Some(((self.points.get(k)? - point).norm_squared(), self.gradient.get(k)?))
+        });
+        let tensor = Tensor::smoothed(own, neighbours);
+        Some(EdgeScore {
+            intensity: *self.intensity.get(index)?,
+            ratio: tensor.ratio(),
+            is_edge: tensor.is_edge(threshold),
+        })
+    }
+
+    /// Number of points.
+    pub fn len(&self) -> usize {
+        self.points.len()
+    }
+
+    /// Whether there is no point.
+    pub fn is_empty(&self) -> bool {
+        self.points.is_empty()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two 8x4 lattices that meet in the line y = 0, the second turned up by 90 degrees.
+    fn corner() -> [Point; 64] {
+        core::array::from_fn(|k| {
+            let (x, v) = ((k % 8) as f32, (k / 16) as f32 + 0.5);
+            if k / 8 % 2 == 0 { Point::new(x, v, 0.0) } else { Point::new(x, 0.0, v) }
+        })
+    }
+
+    #[test]
+    fn points_beside_the_corner_are_more_intense_than_amid_a_face() {
+        let patch = Patch::<64, 32>::new(&corner(), &Ball::new(2.2, 8).expect("valid")).expect("fits");
+        let t = RatioThreshold::new(53.0).expect("above the floor");
+        let score = |k: usize| patch.score(k, t).expect("in range").intensity;
+        // Index 4: beside the corner amid its length; index 36: two rows into the first face.
+        assert!(score(4) > 2.0 * score(36), "{} {}", score(4), score(36));
+        assert!(patch.score(64, t).is_none());
+    }
+
+    #[test]
+    fn too_many_points_are_refused_and_too_few() {
+        let ball = Ball::new(2.0, 4).expect("valid");
+        assert!(Patch::<32, 16>::new(&corner(), &ball).is_none());
+        assert!(Patch::<64, 16>::new(&corner()[..1], &ball).is_none());
+    }
+}
