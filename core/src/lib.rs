@@ -7,9 +7,9 @@
 //! | paper | module |
 //! |---|---|
 //! | II-B, Alg. 1 | [`gesture`] |
-//! | II-E, eqs. (11)-(17) | `seam` |
+//! | II-E, eqs. (11)-(17) | [`seam`] |
 //! | II-F, eqs. (18)-(19) | [`path`] |
-//! | not in the paper | [`wire`], [`sender`], [`pendant`], [`interlock`] |
+//! | not in the paper | [`wire`], [`sender`], [`pendant`], [`tasks`], [`interlock`] |
 #![no_std]
 #![forbid(unsafe_code)]
 
@@ -22,6 +22,7 @@ pub mod pendant;
 pub mod rotation;
 pub mod seam;
 pub mod sender;
+pub mod tasks;
 pub mod wire;
 
 pub use geometry::{Direction, Orientation, Point, Vector};

@@ -25,14 +25,37 @@ pub struct EdgeScore {
 }
 
 impl<const P: usize, const K: usize> Patch<P, K> {
+    /// A patch without points.
+    pub const fn empty() -> Self {
+        Self { points: Vec::new(), neighbours: Vec::new(), intensity: Vec::new(), gradient: Vec::new() }
+    }
+
     /// Finds the neighbours of every point by brute force. `None` for more than `P` points, or for fewer than two.
     pub fn new(points: &[Point], ball: &Ball) -> Option<Self> {
-        let mut patch = Self { points: Vec::from_slice(points).ok()?, ..Self::default() };
-        for centre in 0..points.len() {
-            patch.neighbours.push(Neighbourhood::of(points, centre, ball)?).ok()?;
+        let mut patch = Self::empty();
+        patch.load(points, ball).then_some(patch)
+    }
+
+    /// As [`Self::new`] in the place of what was here: a microcontroller's stack does not hold a patch. Left empty,
+    /// and false, where `new` gives none.
+    pub fn load(&mut self, points: &[Point], ball: &Ball) -> bool {
+        self.clear();
+        let near = |centre| Neighbourhood::of(points, centre, ball);
+        let all = self.points.extend_from_slice(points).is_ok()
+            && (0..points.len()).all(|centre| near(centre).is_some_and(|n| self.neighbours.push(n).is_ok()));
+        if all {
+            self.measure();
+        } else {
+            self.clear();
         }
-        patch.measure();
-        Some(patch)
+        all
+    }
+
+    fn clear(&mut self) {
+        self.points.clear();
+        self.neighbours.clear();
+        self.intensity.clear();
+        self.gradient.clear();
     }
 
     /// Intensities of all points, then gradients, which need their neighbours' intensities.
@@ -66,6 +89,11 @@ impl<const P: usize, const K: usize> Patch<P, K> {
             ratio: tensor.ratio(),
             is_edge: tensor.is_edge(threshold),
         })
+    }
+
+    /// Number of neighbours of a point; 0 for an index out of range.
+    pub fn neighbours(&self, index: usize) -> usize {
+        self.neighbours.get(index).map_or(0, |near| near.indices.len())
     }
 
     /// Number of points.
@@ -106,5 +134,7 @@ mod tests {
         let ball = Ball::new(2.0, 4).expect("valid");
         assert!(Patch::<32, 16>::new(&corner(), &ball).is_none());
         assert!(Patch::<64, 16>::new(&corner()[..1], &ball).is_none());
+        let mut patch = Patch::<64, 16>::new(&corner(), &ball).expect("fits");
+        assert!(!patch.load(&corner()[..1], &ball) && patch.is_empty());
     }
 }
