@@ -119,10 +119,26 @@ impl Config {
         }
     }
 
+    /// The configuration with what follows from it. `None` if it contradicts itself.
+    pub fn checked(&self) -> Option<Checked> {
+        let arc = ArcTimes::new(&self.arc, self.tick_us).filter(|_| self.is_sound())?;
+        let telemetry = u16::try_from(self.ticks(self.telemetry_ms)).ok()?;
+        let periods = Periods { telemetry, fault: telemetry.saturating_mul(2) };
+        Some(Checked { config: *self, arc, periods })
+    }
+
     /// Ticks in `ms`, rounded up.
     fn ticks(&self, ms: u16) -> u32 {
         (u32::from(ms) * 1000).div_ceil(self.tick_us)
     }
+}
+
+/// A configuration that does not contradict itself.
+#[derive(Debug, Clone, Copy)]
+pub struct Checked {
+    config: Config,
+    arc: ArcTimes,
+    periods: Periods,
 }
 
 /// The pins, read once per tick.
@@ -232,11 +248,15 @@ pub struct Pendant<const RING: usize> {
 impl<const RING: usize> Pendant<RING> {
     /// After power-on. `boot` has to differ from start to start. `None` if the configuration contradicts itself.
     pub fn new(config: &Config, boot: u32) -> Option<Self> {
-        let arc = ArcTimes::new(&config.arc, config.tick_us).filter(|_| config.is_sound())?;
-        let telemetry = u16::try_from(config.ticks(config.telemetry_ms)).ok()?;
-        let periods = Periods { telemetry, fault: telemetry.saturating_mul(2) };
-        Some(Self {
-            config: *config,
+        Some(Self::with(&config.checked()?, boot))
+    }
+
+    /// As [`Self::new`], without a copy on its way: a microcontroller's stack does not hold the ring.
+    #[inline(never)]
+    pub fn with(checked: &Checked, boot: u32) -> Self {
+        let Checked { config, arc, periods } = *checked;
+        Self {
+            config,
             limits: config.limits(Ring::<RING>::CAPACITY),
             machine: config.machine(),
             boot,
@@ -256,7 +276,7 @@ impl<const RING: usize> Pendant<RING> {
             report: Report::new(periods),
             counters: Counters::default(),
             ticks: 0,
-        })
+        }
     }
 
     /// State of the interlock.

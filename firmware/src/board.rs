@@ -28,11 +28,13 @@ pub struct Inputs {
     pub reset: bool,
     /// The power source says that current flows.
     pub established: bool,
+    /// The key switch is in manual: no faster than 250 mm/s.
+    pub manual: bool,
 }
 
 impl Inputs {
     /// What an unknown state is taken for.
-    pub const SAFE: Self = Self { estop: true, enable: false, reset: false, established: false };
+    pub const SAFE: Self = Self { estop: true, enable: false, reset: false, established: false, manual: true };
 }
 
 /// Pins that the torch drives.

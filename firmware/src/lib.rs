@@ -4,13 +4,14 @@
 //! |---|---|---|
 //! | highest | every 2 ms: read the pins, step the torch, drive the outputs | [`torch::tick`] |
 //! | lower | bytes from and to the host's serial line | [`serial`] |
-//! | none | decode, answer, feed the watchdog | `main` |
+//! | none | decode, answer, feed the watchdog | [`link`], `main` |
 //!
 //! No allocator; nothing waits for a transmitter; `unsafe` only in [`board`]. A panic, a fault and a hang all end in
 //! outputs off and a reset whose cause is reported.
 #![no_std]
 
 pub mod board;
+pub mod link;
 pub mod serial;
 pub mod torch;
 

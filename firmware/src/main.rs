@@ -2,7 +2,8 @@
 #![no_std]
 #![no_main]
 
-use weldpath_firmware::{board, serial, torch};
+use weldpath_firmware::link::Link;
+use weldpath_firmware::{board, torch};
 
 #[cortex_m_rt::entry]
 fn main() -> ! {
@@ -10,11 +11,11 @@ fn main() -> ! {
     let (mut watchdog, entropy) = board::start(&boot);
     let nonce = (entropy ^ boot.count).wrapping_mul(0x9e37_79b9);
     defmt::info!("boot {=u32} after {}, nonce {=u32:x}", boot.count, boot.cause, nonce);
+    torch::install(nonce);
+    let mut link = Link::new();
     let mut fed_at = torch::ticks();
     loop {
-        while let Some(byte) = serial::LINK.take_received() {
-            serial::LINK.send(&[byte]);
-        }
+        link.turn();
         let now = torch::ticks();
         if now != fed_at {
             // Both the tick and this loop are alive.

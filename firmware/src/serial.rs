@@ -53,6 +53,14 @@ impl<const RX: usize, const TX: usize> Port<RX, TX> {
         critical_section::with(|cs| self.received.borrow_ref_mut(cs).pop_front())
     }
 
+    /// Bytes that [`Self::send`] would take.
+    pub fn room(&self) -> usize {
+        critical_section::with(|cs| {
+            let waiting = self.waiting.borrow_ref(cs);
+            waiting.capacity() - waiting.len()
+        })
+    }
+
     /// Queues a whole frame, or refuses it when it does not fit.
     pub fn send(&self, frame: &[u8]) -> bool {
         let fits = critical_section::with(|cs| {

@@ -6,6 +6,7 @@
 //! | PE7 | emergency stop: a contact to ground that opens when pressed, so that a broken wire is a stop |
 //! | PE8 | enabling switch: a contact to 3.3 V that closes in the middle position |
 //! | PE9, PE10 | reset button, power source's "current flows": contacts to 3.3 V |
+//! | PE11 | key switch: a contact to ground that opens in manual |
 //! | PD12 to PD15 | arc, shielding gas, motion, wire feed: high is on; the board's lamps |
 //!
 //! After any reset the pins are inputs until `start`: what they drive needs a pull-down of its own.
@@ -38,6 +39,7 @@ struct Owned {
     enable: ErasedPin<Input>,
     reset: ErasedPin<Input>,
     established: ErasedPin<Input>,
+    manual: ErasedPin<Input>,
     arc: ErasedPin<Output>,
     gas: ErasedPin<Output>,
     motion: ErasedPin<Output>,
@@ -85,6 +87,7 @@ pub fn start(_boot: &BootRecord) -> (Watchdog, u32) {
         enable: e.pe8.into_pull_down_input().erase(),
         reset: e.pe9.into_pull_down_input().erase(),
         established: e.pe10.into_pull_down_input().erase(),
+        manual: e.pe11.into_pull_up_input().erase(),
         arc: d.pd12.into_push_pull_output_in_state(low).erase(),
         gas: d.pd13.into_push_pull_output_in_state(low).erase(),
         motion: d.pd14.into_push_pull_output_in_state(low).erase(),
@@ -161,6 +164,7 @@ fn TIM2() {
             enable: owned.enable.is_high(),
             reset: owned.reset.is_high(),
             established: owned.established.is_high(),
+            manual: owned.manual.is_high(),
         }
     });
     let outputs: Outputs = torch::tick(inputs.unwrap_or(Inputs::SAFE));

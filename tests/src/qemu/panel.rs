@@ -15,6 +15,8 @@ pub enum Seen {
     AllOff,
     /// The firmware started: 0 power, 1 panic, 2 fault, 3 watchdog.
     Boot(u8),
+    /// Bytes of stack ever used, in answer to `?`.
+    Stack(u32),
     /// The outputs changed, in this tick.
     Outputs {
         /// Arc power.
@@ -55,7 +57,7 @@ impl Panel {
         self.send(0x40 | u8::from(estop) | u8::from(enable) << 1 | u8::from(reset) << 2)
     }
 
-    /// A byte as it is: `!` panic, `$` hang, `%` overflow the stack.
+    /// A byte as it is: `?` report the stack's use, `!` panic, `$` hang, `%` overflow the stack.
     pub fn send(&mut self, byte: u8) -> io::Result<()> {
         self.switches.write_all(&[byte])
     }
@@ -92,6 +94,7 @@ fn decode(bytes: &mut impl Iterator<Item = u8>) -> Option<Seen> {
                 clock(bytes);
                 return Some(Seen::Boot(code & 3));
             }
+            0xb0 => return Some(Seen::Stack(clock(bytes))),
             // A code cut short by a reset.
             _ => {}
         }
