@@ -264,6 +264,11 @@ impl<const RING: usize> Pendant<RING> {
         self.interlock.state()
     }
 
+    /// Id of the path that is loaded or being loaded.
+    pub fn path(&self) -> Option<u16> {
+        self.loaded.then(|| self.ring.begin().path)
+    }
+
     /// `flange_from_torch` as the host set it.
     pub fn tool(&self) -> &WirePose {
         &self.tool

@@ -1,5 +1,8 @@
 //! Behaviour across packages; the tests themselves are in `tests/tests/`.
 
+pub mod adversary;
+pub mod world;
+
 use std::path::{Path, PathBuf};
 
 /// A file or folder of the data that lies beside a checkout, `shared/data/`, if it is there.
