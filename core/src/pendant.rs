@@ -22,6 +22,7 @@ pub use drive::{ALPHA_ONE, set_point};
 use drive::{Drive, Machine};
 use report::{Periods, Report};
 use ring::{Dynamics, Placed, Ring};
+pub use ring::{Slot, Slots};
 
 /// Speed of the way back before a Resume, µm/s: slow enough for corners without a plan.
 const RETRACE_UM_S: f32 = 5_000.0;
@@ -119,26 +120,10 @@ impl Config {
         }
     }
 
-    /// The configuration with what follows from it. `None` if it contradicts itself.
-    pub fn checked(&self) -> Option<Checked> {
-        let arc = ArcTimes::new(&self.arc, self.tick_us).filter(|_| self.is_sound())?;
-        let telemetry = u16::try_from(self.ticks(self.telemetry_ms)).ok()?;
-        let periods = Periods { telemetry, fault: telemetry.saturating_mul(2) };
-        Some(Checked { config: *self, arc, periods })
-    }
-
     /// Ticks in `ms`, rounded up.
     fn ticks(&self, ms: u16) -> u32 {
         (u32::from(ms) * 1000).div_ceil(self.tick_us)
     }
-}
-
-/// A configuration that does not contradict itself.
-#[derive(Debug, Clone, Copy)]
-pub struct Checked {
-    config: Config,
-    arc: ArcTimes,
-    periods: Periods,
 }
 
 /// The pins, read once per tick.
@@ -220,9 +205,9 @@ struct Requests {
     reply: Option<Answer>,
 }
 
-/// The device end. `RING`: waypoints it can hold.
+/// The device end. `RING`: waypoints it can hold, in `S`.
 #[derive(Debug, Clone)]
-pub struct Pendant<const RING: usize> {
+pub struct Pendant<const RING: usize, S = [Slot; RING]> {
     config: Config,
     limits: Limits,
     machine: Machine,
@@ -233,7 +218,7 @@ pub struct Pendant<const RING: usize> {
     used_path: Option<u16>,
     interlock: Interlock,
     panel: Panel,
-    ring: Ring<RING>,
+    ring: Ring<RING, S>,
     loaded: bool,
     drive: Drive,
     started: bool,
@@ -248,16 +233,19 @@ pub struct Pendant<const RING: usize> {
 impl<const RING: usize> Pendant<RING> {
     /// After power-on. `boot` has to differ from start to start. `None` if the configuration contradicts itself.
     pub fn new(config: &Config, boot: u32) -> Option<Self> {
-        Some(Self::with(&config.checked()?, boot))
+        Self::with_slots(config, boot, [Slot::EMPTY; RING])
     }
+}
 
-    /// As [`Self::new`], without a copy on its way: a microcontroller's stack does not hold the ring.
-    #[inline(never)]
-    pub fn with(checked: &Checked, boot: u32) -> Self {
-        let Checked { config, arc, periods } = *checked;
-        Self {
-            config,
-            limits: config.limits(Ring::<RING>::CAPACITY),
+impl<const RING: usize, S: Slots> Pendant<RING, S> {
+    /// As [`Self::new`], with the waypoints kept in `slots`, of which there have to be `RING`.
+    pub fn with_slots(config: &Config, boot: u32, slots: S) -> Option<Self> {
+        let arc = ArcTimes::new(&config.arc, config.tick_us).filter(|_| config.is_sound())?;
+        let telemetry = u16::try_from(config.ticks(config.telemetry_ms)).ok()?;
+        let periods = Periods { telemetry, fault: telemetry.saturating_mul(2) };
+        (slots.borrow().len() == RING).then(|| Self {
+            config: *config,
+            limits: config.limits(Ring::<RING, S>::CAPACITY),
             machine: config.machine(),
             boot,
             session: None,
@@ -266,7 +254,7 @@ impl<const RING: usize> Pendant<RING> {
             used_path: None,
             interlock: Interlock::new(arc),
             panel: Panel::default(),
-            ring: Ring::new(),
+            ring: Ring::new(slots),
             loaded: false,
             drive: Drive::new(),
             started: false,
@@ -276,12 +264,17 @@ impl<const RING: usize> Pendant<RING> {
             report: Report::new(periods),
             counters: Counters::default(),
             ticks: 0,
-        }
+        })
     }
 
     /// State of the interlock.
     pub fn state(&self) -> State {
         self.interlock.state()
+    }
+
+    /// Id of the path that is loaded or being loaded.
+    pub fn path(&self) -> Option<u16> {
+        self.loaded.then(|| self.ring.begin().path)
     }
 
     /// `flange_from_torch` as the host set it.

@@ -126,6 +126,7 @@ pub struct Sender {
     outstanding: Option<Outstanding>,
     upload: Option<Upload>,
     fault_seen: Option<u16>,
+    heard_tick: Option<u32>,
     statistics: Statistics,
 }
 
@@ -146,6 +147,7 @@ impl Sender {
             outstanding: None,
             upload: None,
             fault_seen: None,
+            heard_tick: None,
             statistics: Statistics::default(),
         }
     }
@@ -164,6 +166,7 @@ impl Sender {
         self.outstanding = None;
         self.upload = None;
         self.fault_seen = None;
+        self.heard_tick = None;
         self.requests = 0;
     }
 
@@ -253,12 +256,7 @@ impl Sender {
                 self.fault_seen = Some(number);
                 Notice::Fault(fault)
             }
-            PendantMessage::Telemetry(telemetry) => {
-                if let Some(ack) = telemetry.load {
-                    let _ = self.acked(&ack);
-                }
-                Notice::Telemetry(telemetry)
-            }
+            PendantMessage::Telemetry(telemetry) => self.telemetry(telemetry),
             PendantMessage::Samples(samples) => Notice::Samples(samples),
             PendantMessage::NoSession { boot } => {
                 self.close();
@@ -311,6 +309,18 @@ impl Sender {
             }
             _ => Notice::Nothing,
         }
+    }
+
+    /// Telemetry that was overtaken is dropped: an operator who acts on it would act on a state that is gone.
+    fn telemetry(&mut self, telemetry: Telemetry) -> Notice {
+        if self.heard_tick.is_some_and(|tick| (telemetry.tick.wrapping_sub(tick) as i32) < 0) {
+            return Notice::Nothing;
+        }
+        self.heard_tick = Some(telemetry.tick);
+        if let Some(ack) = telemetry.load {
+            let _ = self.acked(&ack);
+        }
+        Notice::Telemetry(telemetry)
     }
 
     fn acked(&mut self, ack: &Ack) -> Notice {

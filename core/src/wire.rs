@@ -547,7 +547,7 @@ pub struct Telemetry {
     pub fault: Option<Fault>,
     /// Phase of the arc sequence.
     pub arc: ArcPhase,
-    /// Bit 0 E-stop, 1 enabling switch, 2 enabled, 3 armed, 4 arc established, 5 manual, 6 arc output, 7 gas output.
+    /// [`Self::E_STOP`] and its neighbours.
     pub pins: u8,
     /// The path of this session that was followed to its end last.
     pub finished: Option<u16>,
@@ -563,6 +563,25 @@ pub struct Telemetry {
     pub pose: WirePose,
     /// What the receiver counted.
     pub counters: Counters,
+}
+
+impl Telemetry {
+    /// E-stop is pressed.
+    pub const E_STOP: u8 = 1;
+    /// The enabling switch is held.
+    pub const ENABLE: u8 = 1 << 1;
+    /// It was freshly pressed and is still held.
+    pub const ENABLED: u8 = 1 << 2;
+    /// The arc may be struck.
+    pub const ARMED: u8 = 1 << 3;
+    /// The power source reports current.
+    pub const ESTABLISHED: u8 = 1 << 4;
+    /// Manual mode.
+    pub const MANUAL: u8 = 1 << 5;
+    /// Arc power is on.
+    pub const ARC: u8 = 1 << 6;
+    /// Gas flows.
+    pub const GAS: u8 = 1 << 7;
 }
 
 /// Counters of the receiver since the start, wrapping.

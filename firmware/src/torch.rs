@@ -4,9 +4,9 @@ use core::cell::RefCell;
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 use critical_section::Mutex;
-use static_cell::StaticCell;
+use static_cell::ConstStaticCell;
 use weldpath_core::interlock::Motion;
-use weldpath_core::pendant::{Config, Panel, Pendant};
+use weldpath_core::pendant::{Config, Panel, Pendant, Slot};
 
 use crate::board::{Inputs, Outputs};
 
@@ -17,8 +17,11 @@ pub const TICK_HZ: u32 = 500;
 pub const RING: usize = 512;
 
 static TICKS: AtomicU32 = AtomicU32::new(0);
-static PENDANT: StaticCell<Pendant<RING>> = StaticCell::new();
-static INSTALLED: Mutex<RefCell<Option<&'static mut Pendant<RING>>>> = Mutex::new(RefCell::new(None));
+static SLOTS: ConstStaticCell<[Slot; RING]> = ConstStaticCell::new([Slot::EMPTY; RING]);
+static PENDANT: Mutex<RefCell<Option<Lent>>> = Mutex::new(RefCell::new(None));
+
+/// A pendant whose waypoints lie in static memory.
+type Lent = Pendant<RING, &'static mut [Slot]>;
 
 /// Starts the pendant; `nonce` has to differ from start to start. Once.
 ///
@@ -26,15 +29,14 @@ static INSTALLED: Mutex<RefCell<Option<&'static mut Pendant<RING>>>> = Mutex::ne
 /// If the default configuration contradicts itself.
 pub fn install(nonce: u32) {
     let config = Config { tick_us: 1_000_000 / TICK_HZ, ..Config::default() };
-    let checked = config.checked().expect("a sound configuration");
-    // In place: the ring is larger than the stack, and a copy through it would be caught by the first boot.
-    let pendant = PENDANT.init_with(|| Pendant::with(&checked, nonce));
-    critical_section::with(|cs| INSTALLED.borrow_ref_mut(cs).replace(pendant));
+    let pendant = Pendant::with_slots(&config, nonce, SLOTS.take().as_mut_slice());
+    assert!(pendant.is_some(), "the configuration contradicts itself");
+    critical_section::with(|cs| *PENDANT.borrow_ref_mut(cs) = pendant);
 }
 
 /// Uses the pendant while no tick can; none before [`install`].
-pub fn with<T>(use_it: impl FnOnce(&mut Pendant<RING>) -> T) -> Option<T> {
-    critical_section::with(|cs| INSTALLED.borrow_ref_mut(cs).as_deref_mut().map(use_it))
+pub fn with<T>(use_it: impl FnOnce(&mut Lent) -> T) -> Option<T> {
+    critical_section::with(|cs| PENDANT.borrow_ref_mut(cs).as_mut().map(use_it))
 }
 
 /// Ticks since the start, wrapping.

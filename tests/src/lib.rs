@@ -1,6 +1,8 @@
 //! Behaviour across packages; the tests themselves are in `tests/tests/`.
 
+pub mod adversary;
 pub mod qemu;
+pub mod world;
 
 use std::path::{Path, PathBuf};
 

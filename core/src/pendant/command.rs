@@ -1,14 +1,14 @@
 //! Commands: executed at most once, in order, with the reply kept for those who ask again.
 
 use super::drive::Drive;
-use super::ring::Ring;
+use super::ring::{Ring, Slots};
 use super::{Action, Pendant, Requests, Task};
 use crate::interlock::{Event, Refused, State};
 use crate::wire::{
     Answer, Begin, Command, Field, Hand, HandFrame, Jog, MAX_CHUNK, Patch, PendantMessage, Refusal, WirePose,
 };
 
-impl<const RING: usize> Pendant<RING> {
+impl<const RING: usize, S: Slots> Pendant<RING, S> {
     /// The same number again gets the kept reply; only the next number is executed; any other is old and ignored.
     pub(super) fn control(&mut self, request: u16, command: Command) -> Action {
         if request == self.requests.last {
@@ -104,8 +104,8 @@ impl<const RING: usize> Pendant<RING> {
         value(begin.reach_um <= limits.reach_um, Field::Reach)?;
         value(begin.max_step_um <= limits.max_step_um, Field::Step)?;
         value(begin.min_half_turn_cos_q15 >= limits.min_half_turn_cos_q15, Field::Turn)?;
-        if !begin.streamed && begin.total > Ring::<RING>::CAPACITY {
-            return Err(Refusal::TooLong { capacity: Ring::<RING>::CAPACITY });
+        if !begin.streamed && begin.total > Ring::<RING, S>::CAPACITY {
+            return Err(Refusal::TooLong { capacity: Ring::<RING, S>::CAPACITY });
         }
         Ok(())
     }

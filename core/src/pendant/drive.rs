@@ -4,7 +4,7 @@
 //! can still stop, or slow down, before whatever asks for it: with `r` to go to a waypoint that may be passed at `w`,
 //! `v² + 2 a v dt <= w² + 2 a r`. It then never leaves the planned speeds and never brakes harder than `a`.
 
-use super::ring::{Ring, Slot};
+use super::ring::{Ring, Slot, Slots};
 use crate::interlock::Motion;
 use crate::math;
 use crate::path::interpolation::Segment;
@@ -55,7 +55,7 @@ impl Drive {
     }
 
     /// How far one could go back.
-    pub(super) fn kept_um<const N: usize>(&self, ring: &Ring<N>) -> f32 {
+    pub(super) fn kept_um<const N: usize, S: Slots>(&self, ring: &Ring<N, S>) -> f32 {
         ring.kept_um(self.segment) + self.along_um
     }
 
@@ -65,32 +65,32 @@ impl Drive {
     }
 
     /// Whether the segment is to be welded now: not on the way back.
-    pub(super) fn wants_weld<const N: usize>(&self, ring: &Ring<N>) -> bool {
+    pub(super) fn wants_weld<const N: usize, S: Slots>(&self, ring: &Ring<N, S>) -> bool {
         self.back_um <= 0.0 && ring.get(self.segment).is_some_and(|slot| slot.waypoint.weld)
     }
 
     /// Standing where a run of equally welded segments ends.
-    pub(super) fn is_at_run_end<const N: usize>(&self, ring: &Ring<N>) -> bool {
+    pub(super) fn is_at_run_end<const N: usize, S: Slots>(&self, ring: &Ring<N, S>) -> bool {
         let (Some(from), Some(to)) = (ring.get(self.segment), self.end(ring)) else { return false };
         let changes = from.waypoint.weld != to.waypoint.weld || self.ends_path(ring);
         changes && self.back_um <= 0.0 && !self.is_moving() && self.along_um >= to.approach_um
     }
 
     /// Standing at the end of the whole path.
-    pub(super) fn is_at_path_end<const N: usize>(&self, ring: &Ring<N>) -> bool {
+    pub(super) fn is_at_path_end<const N: usize, S: Slots>(&self, ring: &Ring<N, S>) -> bool {
         self.ends_path(ring) && self.is_at_run_end(ring)
     }
 
-    fn ends_path<const N: usize>(&self, ring: &Ring<N>) -> bool {
+    fn ends_path<const N: usize, S: Slots>(&self, ring: &Ring<N, S>) -> bool {
         self.segment.saturating_add(2) == ring.begin().total
     }
 
-    fn end<'r, const N: usize>(&self, ring: &'r Ring<N>) -> Option<&'r Slot> {
+    fn end<'r, const N: usize, S: Slots>(&self, ring: &'r Ring<N, S>) -> Option<&'r Slot> {
         ring.get(self.segment.checked_add(1)?)
     }
 
     /// The path received so far ends within the stopping distance, and it is not the committed end.
-    pub(super) fn is_starved<const N: usize>(&self, ring: &Ring<N>, machine: &Machine) -> bool {
+    pub(super) fn is_starved<const N: usize, S: Slots>(&self, ring: &Ring<N, S>, machine: &Machine) -> bool {
         if ring.is_sealed() {
             return false;
         }
@@ -100,9 +100,9 @@ impl Drive {
     }
 
     /// One tick.
-    pub(super) fn advance<const N: usize>(
+    pub(super) fn advance<const N: usize, S: Slots>(
         &mut self,
-        ring: &Ring<N>,
+        ring: &Ring<N, S>,
         motion: Motion,
         feed_limit_um_s: f32,
         machine: &Machine,
@@ -125,14 +125,14 @@ impl Drive {
     }
 
     /// On to the next segment, if it is there.
-    fn pass<const N: usize>(&mut self, ring: &Ring<N>) {
+    fn pass<const N: usize, S: Slots>(&mut self, ring: &Ring<N, S>) {
         if self.segment.checked_add(2).is_some_and(|index| ring.get(index).is_some()) {
             self.segment += 1;
             self.along_um = 0.0;
         }
     }
 
-    fn go_on<const N: usize>(&mut self, ring: &Ring<N>, step_um: f32) {
+    fn go_on<const N: usize, S: Slots>(&mut self, ring: &Ring<N, S>, step_um: f32) {
         self.along_um += step_um;
         for _ in 0..MAX_PASSED {
             let Some(end) = self.end(ring) else { return };
@@ -153,9 +153,9 @@ impl Drive {
     }
 
     /// One tick of the way back, at a speed that needs no plan for corners.
-    fn go_back<const N: usize>(
+    fn go_back<const N: usize, S: Slots>(
         &mut self,
-        ring: &Ring<N>,
+        ring: &Ring<N, S>,
         motion: Motion,
         feed_limit_um_s: f32,
         machine: &Machine,
@@ -183,7 +183,7 @@ impl Drive {
     }
 
     /// Share of the segment, 2^24 = 1.
-    pub(super) fn alpha_q24<const N: usize>(&self, ring: &Ring<N>) -> u32 {
+    pub(super) fn alpha_q24<const N: usize, S: Slots>(&self, ring: &Ring<N, S>) -> u32 {
         let length_um = self.end(ring).map_or(0.0, |end| end.approach_um);
         if length_um > 0.0 {
             ((self.along_um / length_um * ALPHA_ONE as f32) as u32).min(ALPHA_ONE)
@@ -193,7 +193,11 @@ impl Drive {
     }
 
     /// The pose the torch has to have now; the segment's constants are computed once.
-    pub(super) fn pose<const N: usize>(&mut self, ring: &Ring<N>, alpha_q24: u32) -> Option<WirePose> {
+    pub(super) fn pose<const N: usize, S: Slots>(
+        &mut self,
+        ring: &Ring<N, S>,
+        alpha_q24: u32,
+    ) -> Option<WirePose> {
         let segment = match &self.interpolated {
             Some((index, segment)) if *index == self.segment => segment,
             _ => {

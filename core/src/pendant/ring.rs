@@ -3,6 +3,8 @@
 //! Indices count from the start of the path; `tail..next` are there without a gap and may be followed, further chunks
 //! beyond a gap are kept and shown in the selective-ack map. Lengths are micrometres, speeds micrometres per second.
 
+use core::borrow::BorrowMut;
+
 use crate::math;
 use crate::wire::{self, Ack, Begin, Chunk, ChunkRefusal, Limits, Q15_ONE, SACK_CHUNKS, Waypoint, WirePose};
 
@@ -12,9 +14,13 @@ const TURN_LEVER_UM: f32 = 10_000.0;
 /// Sixteenths of a micrometre in which path lengths are summed: the sum wraps after 268 m, differences do not care.
 const SUM_PER_UM: f32 = 16.0;
 
+/// Where the waypoints are kept: in the pendant itself, or lent to it by a microcontroller, whose stack cannot hold them.
+pub trait Slots: BorrowMut<[Slot]> {}
+impl<S: BorrowMut<[Slot]>> Slots for S {}
+
 /// A waypoint with what the drive needs to know of it.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Slot {
+pub struct Slot {
     pub(super) waypoint: Waypoint,
     /// Length of the segment that ends here.
     pub(super) approach_um: f32,
@@ -26,13 +32,20 @@ pub(super) struct Slot {
     sum: u32,
 }
 
-const EMPTY: Slot = Slot {
-    waypoint: Waypoint { pose: WirePose::IDENTITY, feed_um_s: 0, weld: false },
-    approach_um: 0.0,
-    pass_speed2: 0.0,
-    cap_speed2: 0.0,
-    sum: 0,
-};
+impl Slot {
+    /// No waypoint. All zeros, so that a static array of them takes no flash.
+    pub const EMPTY: Self = Self {
+        waypoint: Waypoint {
+            pose: WirePose { position_um: [0; 3], orientation_q15: [0; 4] },
+            feed_um_s: 0,
+            weld: false,
+        },
+        approach_um: 0.0,
+        pass_speed2: 0.0,
+        cap_speed2: 0.0,
+        sum: 0,
+    };
+}
 
 /// What the plan of speeds may demand of the machine.
 #[derive(Debug, Clone, Copy)]
@@ -57,8 +70,8 @@ pub(super) type Refusal = (u8, ChunkRefusal);
 
 /// The path being loaded or followed.
 #[derive(Debug, Clone)]
-pub(super) struct Ring<const N: usize> {
-    slots: [Slot; N],
+pub(super) struct Ring<const N: usize, S> {
+    slots: S,
     begin: Begin,
     tail: u32,
     next: u32,
@@ -67,7 +80,7 @@ pub(super) struct Ring<const N: usize> {
     sealed: bool,
 }
 
-impl<const N: usize> Ring<N> {
+impl<const N: usize, S: Slots> Ring<N, S> {
     /// Capacity as an index difference.
     pub(super) const CAPACITY: u32 = {
         assert!(
@@ -79,7 +92,8 @@ impl<const N: usize> Ring<N> {
     /// Waypoints kept behind the torch of a streamed path, to go back to.
     const KEPT: u32 = Self::CAPACITY / 4;
 
-    pub(super) const fn new() -> Self {
+    /// Empty. `slots` holds `N`; fewer would lose what does not fit.
+    pub(super) fn new(slots: S) -> Self {
         let begin = Begin {
             path: 0,
             total: 0,
@@ -89,7 +103,7 @@ impl<const N: usize> Ring<N> {
             max_step_um: 0,
             min_half_turn_cos_q15: 0,
         };
-        Self { slots: [EMPTY; N], begin, tail: 0, next: 0, sack: 0, digest: 0, sealed: false }
+        Self { slots, begin, tail: 0, next: 0, sack: 0, digest: 0, sealed: false }
     }
 
     /// Forgets the path and opens another.
@@ -139,7 +153,11 @@ impl<const N: usize> Ring<N> {
 
     /// A waypoint that may be followed.
     pub(super) fn get(&self, index: u32) -> Option<&Slot> {
-        if index < self.tail || index >= self.next { None } else { self.slots.get(index as usize % N) }
+        if index < self.tail || index >= self.next {
+            None
+        } else {
+            self.slots.borrow().get(index as usize % N)
+        }
     }
 
     /// Path length between two waypoints, `from` not after `to`.
@@ -169,8 +187,8 @@ impl<const N: usize> Ring<N> {
         self.check_credit(chunk.first, len)?;
         self.check_waypoints(chunk, limits)?;
         for (index, waypoint) in (chunk.first..).zip(&chunk.waypoints) {
-            if let Some(slot) = self.slots.get_mut(index as usize % N) {
-                *slot = Slot { waypoint: *waypoint, ..EMPTY };
+            if let Some(slot) = self.slots.borrow_mut().get_mut(index as usize % N) {
+                *slot = Slot { waypoint: *waypoint, ..Slot::EMPTY };
             }
         }
         match (chunk.first - self.next) / u32::from(self.begin.chunk) {
@@ -242,7 +260,7 @@ impl<const N: usize> Ring<N> {
     }
 
     fn raw(&self, index: u32) -> Option<&Waypoint> {
-        self.slots.get(index as usize % N).map(|slot| &slot.waypoint)
+        self.slots.borrow().get(index as usize % N).map(|slot| &slot.waypoint)
     }
 
     fn check_alone(&self, waypoint: &Waypoint, limits: &Limits) -> Result<(), ChunkRefusal> {
@@ -292,15 +310,16 @@ impl<const N: usize> Ring<N> {
 
     /// The waypoint follows on the path received so far.
     fn link(&mut self, index: u32) {
-        let Some(&Slot { waypoint, .. }) = self.slots.get(index as usize % N) else { return };
+        let Some(&Slot { waypoint, .. }) = self.slots.borrow().get(index as usize % N) else { return };
         self.digest = wire::extend_digest(self.digest, &waypoint);
-        let Some(previous) = index.checked_sub(1).and_then(|before| self.slots.get(before as usize % N))
+        let Some(previous) =
+            index.checked_sub(1).and_then(|before| self.slots.borrow().get(before as usize % N))
         else {
             return;
         };
         let approach_um = measure_um(&previous.waypoint.pose, &waypoint.pose);
         let sum = previous.sum.wrapping_add((approach_um * SUM_PER_UM) as u32);
-        if let Some(slot) = self.slots.get_mut(index as usize % N) {
+        if let Some(slot) = self.slots.borrow_mut().get_mut(index as usize % N) {
             *slot = Slot { approach_um, sum, ..*slot };
         }
     }
@@ -310,14 +329,15 @@ impl<const N: usize> Ring<N> {
     pub(super) fn replan(&mut self, known: u32, segment: u32, dynamics: &Dynamics) {
         for index in known.saturating_sub(1).max(1)..self.next.saturating_sub(1) {
             let cap_speed2 = self.cap_speed2(index, dynamics);
-            if let (Some(slot), Some(cap)) = (self.slots.get_mut(index as usize % N), cap_speed2) {
+            if let (Some(slot), Some(cap)) = (self.slots.borrow_mut().get_mut(index as usize % N), cap_speed2)
+            {
                 slot.cap_speed2 = cap;
             }
         }
         let Some(last) = self.next.checked_sub(1).and_then(|last| self.get(last)) else { return };
         let (mut after_speed2, mut length_um) = (0.0, last.approach_um);
         for index in (segment.saturating_add(1)..self.next.saturating_sub(1)).rev() {
-            let Some(slot) = self.slots.get_mut(index as usize % N) else { return };
+            let Some(slot) = self.slots.borrow_mut().get_mut(index as usize % N) else { return };
             let speed2 = slot.cap_speed2.min(after_speed2 + 2.0 * dynamics.accel_um_s2 * length_um);
             if speed2 == slot.pass_speed2 && index < known.saturating_sub(1) {
                 return;
