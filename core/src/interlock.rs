@@ -15,7 +15,7 @@ use arc::{Arc, Sequence};
 pub use arc::{ArcPhase, ArcTimes, ArcTimesMs};
 
 /// State of the interlock.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum State {
     /// No path, enabling switch not held.
@@ -37,7 +37,7 @@ pub enum State {
 }
 
 /// Why the torch holds.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Cause {
     /// Asked to.
@@ -66,7 +66,7 @@ impl Cause {
 }
 
 /// What is latched.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Fault {
     /// E-stop: cleared by the local reset only.
@@ -178,7 +178,7 @@ pub enum Refused {
 }
 
 /// The whole state of the interlock. A new one is Disabled, and wants to see the switch released.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Interlock {
     times: ArcTimes,
     state: State,
@@ -189,7 +189,6 @@ pub struct Interlock {
     cause: Option<Cause>,
     fault: Option<Fault>,
     arc: Arc,
-    changes: u16,
 }
 
 impl Interlock {
@@ -205,29 +204,19 @@ impl Interlock {
             cause: None,
             fault: None,
             arc: Arc::default(),
-            changes: 0,
         }
     }
 
     /// The function: reads the levels, applies the event, and says what follows and whether the event was accepted.
     pub fn step(mut self, event: Event, inputs: &Inputs) -> (Self, Outputs, Result<(), Refused>) {
-        let before = self.state;
         self.read_levels(inputs);
         let verdict = self.apply(event, inputs);
-        if self.state != before {
-            self.changes = self.changes.wrapping_add(1);
-        }
         (self, self.outputs(inputs), verdict)
     }
 
     /// State.
     pub fn state(&self) -> State {
         self.state
-    }
-
-    /// How often the state has changed, wrapping.
-    pub fn changes(&self) -> u16 {
-        self.changes
     }
 
     /// Why it holds: only in Holding and Held.
@@ -324,7 +313,7 @@ impl Interlock {
             Event::Underrun => self.hold_if_running(Cause::Underrun),
             Event::Hold => self.hold_if_running(Cause::Hold),
             Event::Stop => self.hold_if_running(Cause::Stop),
-            Event::NewSession => self.new_session(),
+            Event::NewSession => self.new_session(inputs),
             Event::BadWaypoint => self.bad_path(Fault::Waypoint),
             Event::BadDigest => self.bad_path(Fault::Digest),
             Event::Begin => return self.begin(),
@@ -399,10 +388,10 @@ impl Interlock {
         self.arc.cut();
     }
 
-    fn new_session(&mut self) {
+    fn new_session(&mut self, inputs: &Inputs) {
         match self.state {
             State::Running | State::Holding => self.fault_at_standstill(Fault::Session),
-            State::Fault if self.fault != Some(Fault::Session) => {}
+            State::Fault if self.fault != Some(Fault::Session) || inputs.moving => {}
             _ => self.rest(),
         }
     }

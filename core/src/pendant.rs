@@ -217,6 +217,7 @@ pub struct Pendant<const RING: usize, S = [Slot; RING]> {
     requests: Requests,
     used_path: Option<u16>,
     interlock: Interlock,
+    changes: u16,
     panel: Panel,
     ring: Ring<RING, S>,
     loaded: bool,
@@ -253,6 +254,7 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
             requests: Requests::default(),
             used_path: None,
             interlock: Interlock::new(arc),
+            changes: 0,
             panel: Panel::default(),
             ring: Ring::new(slots),
             loaded: false,
@@ -471,7 +473,7 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
         Telemetry {
             tick: self.ticks,
             state: self.state(),
-            changes: self.interlock.changes(),
+            changes: self.changes,
             cause: self.interlock.cause(),
             fault: self.interlock.fault(),
             arc: self.interlock.arc_phase(),
@@ -520,7 +522,10 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
         let (before, inputs) = (self.interlock, self.inputs());
         let (next, _, verdict) = before.step(event, &inputs);
         self.interlock = next;
-        if next.changes() != before.changes() || next.is_armed() != before.is_armed() {
+        if next.state() != before.state() {
+            self.changes = self.changes.wrapping_add(1);
+        }
+        if next.state() != before.state() || next.is_armed() != before.is_armed() {
             self.report.hurry();
         }
         self.note_fault(before.state(), before.fault());

@@ -1,9 +1,9 @@
 //! The main loop's part: bytes to frames, frames to the pendant, answers and telemetry to the line.
 
 use static_cell::ConstStaticCell;
-use weldpath_core::pendant::Action;
+use weldpath_core::pendant::{Action, Task};
 use weldpath_core::tasks::{Tasks, Workspace};
-use weldpath_core::wire::frame::{self, Deframer};
+use weldpath_core::wire::frame::{self, Deframer, Received};
 use weldpath_core::wire::{FromPendant, MAX_FROM_HOST, MAX_PENDANT_FRAME};
 
 use crate::{serial, torch};
@@ -36,15 +36,10 @@ impl Link {
         self.count_lost();
         while let Some(byte) = serial::LINK.take_received() {
             if let Some(received) = self.deframer.push(byte) {
-                if let Some(action) = torch::with(|pendant| pendant.receive(received)) {
-                    perform(action, &mut self.tasks, self.workspace);
-                }
+                handle(received, &mut self.tasks, self.workspace);
             }
         }
-        while serial::LINK.room() >= MAX_PENDANT_FRAME {
-            let Some(message) = torch::with(|pendant| pendant.transmit()).flatten() else { break };
-            send(&message);
-        }
+        while serial::LINK.room() >= MAX_PENDANT_FRAME && report() {}
     }
 
     fn count_lost(&mut self) {
@@ -57,21 +52,35 @@ impl Link {
     }
 }
 
-/// Computes outside the lock, so that the tick goes on.
-fn perform(action: Action, tasks: &mut Tasks, workspace: &mut Workspace) {
-    match action {
-        Action::Idle => {}
-        Action::Send(message) => send(&message),
-        Action::Perform { request, task } => {
-            let answer = tasks.perform(&task, workspace);
-            if let Some(Action::Send(message)) = torch::with(|pendant| pendant.answer(request, answer)) {
-                send(&message);
-            }
-        }
+// Messages are hundreds of bytes: none of these functions may be inlined, or one frame holds the messages of all.
+
+/// Gives a frame to the pendant and does what it asks; computes outside the lock, so that the tick goes on.
+#[inline(never)]
+fn handle(received: Received<'_>, tasks: &mut Tasks, workspace: &mut Workspace) {
+    match torch::with(|pendant| pendant.receive(received)) {
+        None | Some(Action::Idle) => {}
+        Some(Action::Send(message)) => send(&message),
+        Some(Action::Perform { request, task }) => perform(request, &task, tasks, workspace),
     }
 }
 
+#[inline(never)]
+fn perform(request: u16, task: &Task, tasks: &mut Tasks, workspace: &mut Workspace) {
+    let answer = tasks.perform(task, workspace);
+    if let Some(Action::Send(message)) = torch::with(|pendant| pendant.answer(request, answer)) {
+        send(&message);
+    }
+}
+
+/// Sends what the pendant has to say of its own accord; false if nothing.
+#[inline(never)]
+fn report() -> bool {
+    let message = torch::with(|pendant| pendant.transmit()).flatten();
+    message.as_ref().map(send).is_some()
+}
+
 /// What does not fit is dropped: every message may be lost, and the host asks again.
+#[inline(never)]
 fn send(message: &FromPendant) {
     let mut out = [0; MAX_PENDANT_FRAME];
     if let Ok(length) = frame::encode(message, &mut out) {

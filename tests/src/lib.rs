@@ -1,6 +1,7 @@
 //! Behaviour across packages; the tests themselves are in `tests/tests/`.
 
 pub mod adversary;
+pub mod bench;
 pub mod qemu;
 pub mod world;
 

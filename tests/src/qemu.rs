@@ -1,7 +1,9 @@
 //! The firmware in an emulator: built, started, and ended with the test.
 
+mod client;
 mod panel;
 
+pub use client::{Client, Twin};
 pub use panel::{Panel, Seen};
 
 use std::fs::{self, File};

@@ -136,6 +136,8 @@ pub struct World {
     pub telemetry: Option<Telemetry>,
     /// Whether the operator starts and resumes by himself.
     pub operates: bool,
+    /// Ticks since the last frame that belonged to the session arrived at the pendant.
+    pub ticks_since_heard: u32,
     random: Random,
     events: Events,
     host_bytes: PendantDeframer,
@@ -169,6 +171,7 @@ impl World {
             counts: Counts::default(),
             telemetry: None,
             operates: true,
+            ticks_since_heard: 0,
             random: Random::new(seed),
             events,
             host_bytes: PendantDeframer::new(),
@@ -290,13 +293,16 @@ impl World {
     fn pendant_turn(&mut self) {
         while let Some(bytes) = self.up.arrived(self.now_us) {
             for byte in bytes {
-                if let Some(received) = self.pendant_bytes.push(byte)
-                    && let Action::Send(frame) = self.pendant.receive(received)
-                {
+                let Some(received) = self.pendant_bytes.push(byte) else { continue };
+                if matches!(received, Received::Payload(_)) {
+                    self.ticks_since_heard = 0;
+                }
+                if let Action::Send(frame) = self.pendant.receive(received) {
                     self.reply(&frame);
                 }
             }
         }
+        self.ticks_since_heard += 1;
         let tick = self.pendant.tick(&self.panel);
         self.arc_ticks = if tick.outputs.arc { self.arc_ticks + 1 } else { 0 };
         self.observe(&tick);

@@ -5,7 +5,7 @@
 use serde::{Deserialize, Serialize};
 
 /// Where the arc sequence stands.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ArcPhase {
     /// Nothing flows.
@@ -43,7 +43,7 @@ impl ArcPhase {
 }
 
 /// How long the phases last, ticks.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct ArcTimes {
     pre_flow: u16,
     strike: u16,
@@ -115,7 +115,7 @@ pub(super) enum Sequence {
 }
 
 /// The sequence's state.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub(super) struct Arc {
     pub(super) phase: ArcPhase,
     ticks: u16,
@@ -125,6 +125,12 @@ pub(super) struct Arc {
 impl Arc {
     fn enter(&mut self, phase: ArcPhase) {
         *self = Self { phase, ticks: 0, dark: 0 };
+    }
+
+    fn count(&mut self) {
+        if !matches!(self.phase, ArcPhase::Off | ArcPhase::On) {
+            self.ticks = self.ticks.saturating_add(1);
+        }
     }
 
     /// Power ends at once; gas goes on over the hot pool.
@@ -139,7 +145,7 @@ impl Arc {
     /// One tick outside Running: only the gas that follows an arc runs on.
     pub(super) fn rest(&mut self, times: &ArcTimes) {
         self.cut();
-        self.ticks = self.ticks.saturating_add(1);
+        self.count();
         if self.phase == ArcPhase::PostFlow && self.ticks >= times.post_flow {
             self.enter(ArcPhase::Off);
         }
@@ -147,8 +153,9 @@ impl Arc {
 
     /// One tick in Running. `wanted`: the segment is to be welded; `ends`: the torch stands at its end.
     pub(super) fn run(&mut self, times: &ArcTimes, wanted: bool, ends: bool, established: bool) -> Sequence {
-        self.ticks = self.ticks.saturating_add(1);
-        self.dark = if established { 0 } else { self.dark.saturating_add(1) };
+        self.count();
+        let dark = self.phase == ArcPhase::On && !established;
+        self.dark = if dark { self.dark.saturating_add(1) } else { 0 };
         let over = |time: u16| self.ticks >= time;
         match self.phase {
             ArcPhase::Off if wanted && !ends => self.enter(ArcPhase::PreFlow),

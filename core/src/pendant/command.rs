@@ -133,7 +133,7 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
 
     fn resume(&mut self, path: u16, changes: u16, back_um: u32) -> Result<(), Refusal> {
         self.named(path)?;
-        let now = self.interlock.changes();
+        let now = self.changes;
         if self.state() == State::Held && changes != now {
             return Err(Refusal::Stale { changes: now });
         }

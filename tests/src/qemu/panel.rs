@@ -3,8 +3,9 @@
 use std::io::{self, Read, Write};
 use std::os::unix::net::UnixStream;
 use std::sync::mpsc::{Receiver, channel};
+use std::sync::{Arc, Mutex};
 use std::thread;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use super::PATIENCE;
 
@@ -32,39 +33,71 @@ pub enum Seen {
     },
 }
 
-/// The panel: switches to set, lamps to watch. Everything seen is kept in order.
+/// The panel: switches to set, lamps to watch, and a power source whose current follows the arc output. Everything
+/// seen is kept in order.
 pub struct Panel {
-    switches: UnixStream,
+    switches: Arc<Mutex<Switches>>,
     lamps: Receiver<Seen>,
+}
+
+struct Switches {
+    stream: UnixStream,
+    inputs: u8,
+}
+
+const ESTABLISHED: u8 = 1 << 3;
+
+impl Switches {
+    fn send(&mut self) -> io::Result<()> {
+        self.stream.write_all(&[0x40 | self.inputs])
+    }
 }
 
 impl Panel {
     pub(super) fn new(stream: UnixStream) -> io::Result<Self> {
         let (sender, lamps) = channel();
         let mut bytes = io::BufReader::new(stream.try_clone()?).bytes().map_while(Result::ok);
+        let switches = Arc::new(Mutex::new(Switches { stream, inputs: 0 }));
+        let power_source = Arc::clone(&switches);
         thread::spawn(move || {
             while let Some(seen) = decode(&mut bytes) {
+                if let Seen::Outputs { arc, .. } = seen {
+                    let mut switches = power_source.lock().expect("no panic while held");
+                    let current = if arc { ESTABLISHED } else { 0 };
+                    if switches.inputs & ESTABLISHED != current {
+                        switches.inputs = switches.inputs & !ESTABLISHED | current;
+                        let _ = switches.send();
+                    }
+                }
                 if sender.send(seen).is_err() {
                     return;
                 }
             }
         });
-        Ok(Self { switches: stream, lamps })
+        Ok(Self { switches, lamps })
     }
 
-    /// Sets the three inputs.
+    /// Sets the three inputs; the key switch stays in automatic.
     pub fn set_inputs(&mut self, estop: bool, enable: bool, reset: bool) -> io::Result<()> {
-        self.send(0x40 | u8::from(estop) | u8::from(enable) << 1 | u8::from(reset) << 2)
+        let mut switches = self.switches.lock().expect("no panic while held");
+        switches.inputs =
+            switches.inputs & ESTABLISHED | u8::from(estop) | u8::from(enable) << 1 | u8::from(reset) << 2;
+        switches.send()
     }
 
     /// A byte as it is: `?` report the stack's use, `!` panic, `$` hang, `%` overflow the stack.
     pub fn send(&mut self, byte: u8) -> io::Result<()> {
-        self.switches.write_all(&[byte])
+        self.switches.lock().expect("no panic while held").stream.write_all(&[byte])
     }
 
     /// The first thing seen from now on that `wanted` accepts.
     pub fn wait_for(&self, wanted: impl Fn(&Seen) -> bool) -> io::Result<Seen> {
-        let end = Instant::now() + PATIENCE;
+        self.wait_for_within(PATIENCE, wanted)
+    }
+
+    /// The same, with less patience.
+    pub fn wait_for_within(&self, time: Duration, wanted: impl Fn(&Seen) -> bool) -> io::Result<Seen> {
+        let end = Instant::now() + time;
         loop {
             let left = end.saturating_duration_since(Instant::now());
             let seen =
