@@ -355,6 +355,8 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
         }
     }
 
+    /// Not inlined: the copies it makes of a message would add to the stack that decoding needs.
+    #[inline(never)]
     fn handle(&mut self, frame: FromHost) -> Action {
         if let HostMessage::Hello(hello) = frame.message {
             return self.hello(&hello);

@@ -112,9 +112,8 @@ fn score(patch: &wire::Patch, workspace: &mut Workspace) -> Result<EdgeScore, Re
     let ball = Ball::new(patch.radius_um as f32 / 1000.0, Ball::LEAST).ok_or(Refusal::Value(Field::Size))?;
     let threshold =
         RatioThreshold::new(patch.threshold_milli as f32 / 1000.0).ok_or(Refusal::Value(Field::Size))?;
-    let mut points = heapless::Vec::<Point, MAX_PATCH>::new();
-    points.extend(patch.points.iter().map(|offset| Point::from(offset.um.map(|um| f32::from(um) / 1000.0))));
-    if !workspace.load(&points, &ball) {
+    let points = patch.points.iter().map(|offset| Point::from(offset.um.map(|um| f32::from(um) / 1000.0)));
+    if !workspace.load(points, &ball) {
         return Err(Refusal::Value(Field::Count));
     }
     let score = workspace.score(0, threshold).ok_or(Refusal::Value(Field::Count))?;

@@ -3,19 +3,17 @@
 use static_cell::ConstStaticCell;
 use weldpath_core::pendant::{Action, Task};
 use weldpath_core::tasks::{Tasks, Workspace};
-use weldpath_core::wire::frame::{self, Deframer, Received};
-use weldpath_core::wire::{FromPendant, MAX_FROM_HOST, MAX_PENDANT_FRAME};
+use weldpath_core::wire::frame::{self, Received};
+use weldpath_core::wire::{FromPendant, HostDeframer, MAX_PENDANT_FRAME};
 
 use crate::{serial, torch};
 
 static WORKSPACE: ConstStaticCell<Workspace> = ConstStaticCell::new(Workspace::empty());
-
-/// The longest payload with its checksum.
-const PAYLOAD: usize = MAX_FROM_HOST + frame::CRC_BYTES;
+static DEFRAMER: ConstStaticCell<HostDeframer> = ConstStaticCell::new(HostDeframer::new());
 
 /// State of the line between two turns of the main loop.
 pub struct Link {
-    deframer: Deframer<PAYLOAD>,
+    deframer: &'static mut HostDeframer,
     tasks: Tasks,
     workspace: &'static mut Workspace,
     lost: u32,
@@ -26,9 +24,9 @@ impl Link {
     ///
     /// # Panics
     /// The second time.
-    #[allow(clippy::new_without_default, reason = "there is one workspace")]
+    #[allow(clippy::new_without_default, reason = "there is one")]
     pub fn new() -> Self {
-        Self { deframer: Deframer::new(), tasks: Tasks::default(), workspace: WORKSPACE.take(), lost: 0 }
+        Self { deframer: DEFRAMER.take(), tasks: Tasks::default(), workspace: WORKSPACE.take(), lost: 0 }
     }
 
     /// Handles what has come and sends what is due and fits.

@@ -11,8 +11,8 @@ use std::io::{self, BufRead, BufReader, Read, Write};
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
-use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
@@ -76,17 +76,23 @@ pub struct Machine {
     /// What [`Machine::open_link`] opens.
     pub link_path: PathBuf,
     wire: Wire,
+    /// One machine at a time: hosts have 200 ms to say something, and continuous integration few processors.
+    _alone: MutexGuard<'static, ()>,
 }
+
+static ALONE: Mutex<()> = Mutex::new(());
 
 impl Machine {
     /// The machine with the program loaded and everything connected, but stopped before its first instruction.
     pub fn load(program: &Path, wire: Wire, clock: Clock) -> io::Result<Self> {
         static COUNT: AtomicU32 = AtomicU32::new(0);
+        // A test that failed while it held the lock has ended its machine.
+        let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
         let number = COUNT.fetch_add(1, Ordering::Relaxed);
         let folder = std::env::temp_dir().join(format!("weldpath-qemu-{}-{number}", std::process::id()));
         fs::create_dir(&folder)?;
         let child = command(program, &folder, wire, clock)?.spawn()?;
-        let mut machine = Self { child, link_path: folder.join("link"), folder, control: None, wire };
+        let mut machine = Self { child, link_path: folder.join("link"), folder, control: None, wire, _alone };
         machine.connect().map_err(|error| {
             let said = fs::read_to_string(machine.folder.join("stderr")).unwrap_or_default();
             io::Error::other(format!("{error}; the emulator said: {said}"))
@@ -121,8 +127,9 @@ impl Machine {
     pub fn boot(program: &Path, wire: Wire) -> io::Result<(Self, Panel)> {
         let mut machine = Self::load(program, wire, Clock::Host)?;
         let mut panel = machine.panel()?;
-        machine.tell("cont")?;
+        // Before the first tick, which would take an unknown panel for a pressed emergency stop.
         panel.set_inputs(false, false, false)?;
+        machine.tell("cont")?;
         Ok((machine, panel))
     }
 

@@ -22,6 +22,17 @@ fn connected(wire: Wire, damage: f64) -> Option<(Machine, Panel, Client)> {
     Some((machine, panel, client))
 }
 
+/// Acknowledges the emergency stop that a firmware sees before its panel has spoken, with the reset button.
+fn acknowledge(client: &mut Client, panel: &mut Panel, enable: bool) -> io::Result<()> {
+    while client.wait_for_state(|_| true)?.fault.is_some() {
+        for pressed in [true, false] {
+            panel.set_inputs(false, enable, pressed)?;
+            client.run_for(Duration::from_millis(60), true)?;
+        }
+    }
+    Ok(())
+}
+
 /// Part of a circle, the torch turning with it: 2 mm steps at 50 mm/s, welded from the fifth to the fifth last.
 fn curve(total: usize) -> Vec<Waypoint> {
     let waypoint = |k: usize| {
@@ -50,6 +61,7 @@ fn begin(path: u16, waypoints: &[Waypoint]) -> Begin {
 
 /// Loads the path, grips the enabling switch, arms and starts.
 fn start(client: &mut Client, panel: &mut Panel, path: &[Waypoint]) -> io::Result<()> {
+    acknowledge(client, panel, false)?;
     client.load(begin(7, path), path)?;
     panel.set_inputs(false, true, false)?;
     client.wait_for_state(|state| state.pins & 0b110 == 0b110)?;
@@ -73,16 +85,23 @@ fn a_path_under_noise_is_loaded_started_held_resumed_and_finished_as_planned() {
     let Some((_machine, mut panel, mut client)) = connected(Wire::Pty, 1e-3) else { return };
     let path = curve(100);
     start(&mut client, &mut panel, &path).unwrap();
-    panel.wait_for(|seen| matches!(seen, Seen::Outputs { arc: true, .. })).unwrap();
     client.wait_for_state(|state| state.segment >= 20).unwrap();
+    panel.wait_for(|seen| matches!(seen, Seen::Outputs { arc: true, motion: true, .. })).unwrap();
     assert_eq!(client.ask(Command::Hold).unwrap(), Answer::Done);
     let held = client.wait_for_state(|state| state.state == State::Held).unwrap();
     assert_eq!((held.cause, held.speed_um_s), (Some(Cause::Hold), 0));
     panel.wait_for(|seen| matches!(seen, Seen::Outputs { arc: false, motion: false, .. })).unwrap();
-    assert_eq!(client.ask(Command::ArcArm { armed: true }).unwrap(), Answer::Done);
-    let resume = Command::Resume { path: 7, changes: held.changes, back_um: 3_000 };
-    assert_eq!(client.ask(resume).unwrap(), Answer::Done);
-    client.wait_for_state(|state| state.finished == Some(7)).unwrap();
+    resume(&mut client, &held, 3_000);
+    loop {
+        let state =
+            client.wait_for_state(|state| state.finished == Some(7) || state.state == State::Held).unwrap();
+        if state.finished == Some(7) {
+            break;
+        }
+        // On a busy machine this host may itself be silent for too long.
+        assert_eq!(state.cause, Some(Cause::Silence));
+        resume(&mut client, &state, 0);
+    }
     let counters = client.telemetry.unwrap().counters;
     println!("{} samples; pendant counted {counters:?}", client.samples.len());
     assert!(client.samples.len() > 100);
@@ -93,12 +112,19 @@ fn a_path_under_noise_is_loaded_started_held_resumed_and_finished_as_planned() {
     assert!(matches!(stack, Seen::Stack(1..=4096)), "{stack:?}");
 }
 
+fn resume(client: &mut Client, held: &Telemetry, back_um: u32) {
+    assert_eq!(client.ask(Command::ArcArm { armed: true }).unwrap(), Answer::Done);
+    let resume = Command::Resume { path: 7, changes: held.changes, back_um };
+    assert_eq!(client.ask(resume).unwrap(), Answer::Done);
+    client.wait_for_state(|state| state.changes != held.changes).unwrap();
+}
+
 #[test]
 fn a_host_that_dies_mid_path_leaves_the_arc_off_within_200_ms_and_a_tick() {
     let Some((_machine, mut panel, mut client)) = connected(Wire::Socket, 0.0) else { return };
     start(&mut client, &mut panel, &curve(200)).unwrap();
-    panel.wait_for(|seen| matches!(seen, Seen::Outputs { arc: true, .. })).unwrap();
     let before = client.wait_for_state(|state| state.segment >= 20).unwrap();
+    panel.wait_for(|seen| matches!(seen, Seen::Outputs { arc: true, motion: true, .. })).unwrap();
     // From here on the host only listens. What it sent last was heard at the latest when the next state was told.
     let heard_by = loop {
         client.run_for(Duration::from_millis(5), false).unwrap();
@@ -113,7 +139,7 @@ fn a_host_that_dies_mid_path_leaves_the_arc_off_within_200_ms_and_a_tick() {
     else {
         unreachable!("only outputs were asked for")
     };
-    assert!(off - heard_by <= 101, "arc off at {off}, last byte at {heard_by} or before");
+    assert!(off.saturating_sub(heard_by) <= 101, "arc off at {off}, last byte at {heard_by} or before");
     client.run_for(Duration::from_millis(1000), false).unwrap();
     let held = client.telemetry.unwrap();
     assert_eq!((held.state, held.cause, held.speed_um_s), (State::Held, Some(Cause::Silence), 0));
@@ -124,6 +150,7 @@ fn after_a_reset_mid_path_nothing_moves_until_a_new_session() {
     let Some((mut machine, mut panel, mut client)) = connected(Wire::Socket, 0.0) else { return };
     start(&mut client, &mut panel, &curve(200)).unwrap();
     client.wait_for_state(|state| state.segment >= 20).unwrap();
+    panel.wait_for(|seen| matches!(seen, Seen::Outputs { arc: true, motion: true, .. })).unwrap();
     machine.tell("system_reset").unwrap();
     panel.wait_for(|seen| *seen == Seen::AllOff).unwrap();
     panel.set_inputs(false, true, false).unwrap();
@@ -132,6 +159,7 @@ fn after_a_reset_mid_path_nothing_moves_until_a_new_session() {
         .unwrap();
     client.run_for(Duration::from_millis(300), true).unwrap();
     let boot = client.connect(0x5678).unwrap();
+    acknowledge(&mut client, &mut panel, true).unwrap();
     let state = client.wait_for_state(|state| state.load.is_none()).unwrap();
     assert!(matches!(state.state, State::Disabled | State::Idle), "{state:?}");
     assert_ne!(boot, 0);

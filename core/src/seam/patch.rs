@@ -33,22 +33,26 @@ impl<const P: usize, const K: usize> Patch<P, K> {
     /// Finds the neighbours of every point by brute force. `None` for more than `P` points, or for fewer than two.
     pub fn new(points: &[Point], ball: &Ball) -> Option<Self> {
         let mut patch = Self::empty();
-        patch.load(points, ball).then_some(patch)
+        patch.load(points.iter().copied(), ball).then_some(patch)
     }
 
     /// As [`Self::new`] in the place of what was here: a microcontroller's stack does not hold a patch. Left empty,
     /// and false, where `new` gives none.
-    pub fn load(&mut self, points: &[Point], ball: &Ball) -> bool {
+    pub fn load(&mut self, points: impl IntoIterator<Item = Point>, ball: &Ball) -> bool {
         self.clear();
-        let near = |centre| Neighbourhood::of(points, centre, ball);
-        let all = self.points.extend_from_slice(points).is_ok()
-            && (0..points.len()).all(|centre| near(centre).is_some_and(|n| self.neighbours.push(n).is_ok()));
+        let all = points.into_iter().all(|point| self.points.push(point).is_ok()) && self.find(ball);
         if all {
             self.measure();
         } else {
             self.clear();
         }
         all
+    }
+
+    /// The neighbours of every point; false if one has none.
+    fn find(&mut self, ball: &Ball) -> bool {
+        let near = |centre| Neighbourhood::of(&self.points, centre, ball);
+        (0..self.points.len()).all(|centre| near(centre).is_some_and(|n| self.neighbours.push(n).is_ok()))
     }
 
     fn clear(&mut self) {
@@ -135,6 +139,6 @@ mod tests {
         assert!(Patch::<32, 16>::new(&corner(), &ball).is_none());
         assert!(Patch::<64, 16>::new(&corner()[..1], &ball).is_none());
         let mut patch = Patch::<64, 16>::new(&corner(), &ball).expect("fits");
-        assert!(!patch.load(&corner()[..1], &ball) && patch.is_empty());
+        assert!(!patch.load(corner().into_iter().take(1), &ball) && patch.is_empty());
     }
 }
