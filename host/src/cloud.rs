@@ -45,3 +45,55 @@ impl PointCloud {
         self.points_mm.is_empty()
     }
 }
+
+/// All views in the base frame, raw: what the voxel grid thins and what the refinement of seams reads again.
+#[derive(Debug, Clone, Default)]
+pub struct Merged {
+    /// Origin of every position here in the base frame, mm.
+    pub origin_mm: Point3<f64>,
+    /// Points relative to `origin_mm`, mm; axes of the base frame.
+    pub points_mm: Vec<Point3<f32>>,
+    /// Which view saw the point.
+    pub view: Vec<u16>,
+    /// Normals of a mesh; empty where the points came from a camera.
+    pub normals: Vec<Vector3<f32>>,
+    /// Position of each view's camera relative to `origin_mm`; where it is unknown, a place far above the points.
+    pub cameras_mm: Vec<Point3<f32>>,
+}
+
+impl Merged {
+    /// Puts views together at the given poses.
+    pub fn new(views: &[View], base_from_camera: &[Isometry3<f64>]) -> Self {
+        let origin_mm = centre_mm(views, base_from_camera);
+        let mut merged = Self { origin_mm, ..Self::default() };
+        for (k, (view, pose)) in views.iter().zip(base_from_camera).enumerate() {
+            let turn: nalgebra::UnitQuaternion<f32> = pose.rotation.cast();
+            let turn = turn.to_rotation_matrix();
+            let shift: Vector3<f32> = (pose.translation.vector - origin_mm.coords).cast();
+            merged.points_mm.extend(view.points_mm.iter().map(|p| turn * p + shift));
+            merged.normals.extend(view.normals.iter().map(|n| turn * n));
+            merged.view.resize(merged.points_mm.len(), k as u16);
+            let above = Vector3::z() * FAR_ABOVE_MM;
+            merged.cameras_mm.push(Point3::from(if view.camera_known { shift } else { shift + above }));
+        }
+        if merged.normals.len() != merged.points_mm.len() {
+            merged.normals.clear();
+        }
+        merged
+    }
+}
+
+/// Where a camera is assumed that nobody told us about.
+const FAR_ABOVE_MM: f32 = 1e5;
+
+/// Mean of an even sample of all points, mm, base frame.
+fn centre_mm(views: &[View], base_from_camera: &[Isometry3<f64>]) -> Point3<f64> {
+    let (mut sum, mut count) = (Vector3::zeros(), 0.0);
+    for (view, pose) in views.iter().zip(base_from_camera) {
+        for p in view.points_mm.iter().step_by(101) {
+            sum += (pose * p.cast::<f64>()).coords;
+            count += 1.0;
+        }
+    }
+    Point3::from(sum / f64::max(count, 1.0))
+}

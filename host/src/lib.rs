@@ -5,6 +5,10 @@
 #![forbid(unsafe_code)]
 
 pub mod cloud;
+pub mod downsampling;
+pub mod grid;
+pub mod normals;
 pub mod pipeline;
+pub mod reconstruction;
 pub mod seam;
 pub mod toolpath;

@@ -1,5 +1,14 @@
 //! Seams: what they are; finding them follows paper II-E, telling them apart and refining them is ours.
 
+pub mod chain;
+pub mod corner;
+pub mod edges;
+pub mod face;
+pub mod refine;
+pub mod section;
+pub mod smooth;
+pub mod support;
+
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -81,4 +90,32 @@ impl Seam {
             _ => open,
         }
     }
+}
+
+/// Corners of a cloud: the candidates that pass the gate, moved onto the line in which their faces meet.
+pub fn corners(
+    voxels: &crate::downsampling::Voxels,
+    scores: &edges::Scores,
+    config: &corner::Config,
+) -> Vec<corner::Corner> {
+    use crate::grid::Grid;
+    use rayon::prelude::*;
+    let v = voxels.edge_mm;
+    let radius = config.radius_voxels * v;
+    let grid = Grid::new(&voxels.cloud.points_mm, 0.5 * radius);
+    let normals: Vec<_> = (0..grid.len()).map(|s| voxels.cloud.normals[grid.index(s)]).collect();
+    let candidates: Vec<usize> = (0..voxels.cloud.len())
+        .filter(|&k| scores.intensity[k] > scores.gate && scores.concavity[k] > 0.6 * scores.gate)
+        .collect();
+    candidates
+        .par_iter()
+        .map_init(Vec::new, |near, &k| {
+            let at = voxels.cloud.points_mm[k];
+            corner::surroundings(&grid, &normals, &at, radius, near);
+            let (mut found, foot) = corner::fit(near, v, config)?;
+            found.position = at + foot;
+            Some(found)
+        })
+        .flatten()
+        .collect()
 }

@@ -1,0 +1,97 @@
+//! Voxel grid (paper II-D, text after eq. (10)): even density after the views are merged.
+//!
+//! Exact centroids. Voxels with few points are dropped, which removes flying pixels and outliers.
+
+use crate::cloud::{Merged, PointCloud};
+use crate::grid::Grid;
+use crate::normals::{Cells, Moments};
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+/// How the voxel grid is laid.
+#[derive(Debug, Clone, Copy)]
+pub struct Config {
+    /// Edge of a voxel in mean spacings of the merged cloud.
+    pub spacings: f32,
+    /// Edge of a voxel in standard deviations of the noise, if that is more.
+    pub noises: f32,
+    /// Edge of a voxel as a share of the cloud's diagonal, if that is more.
+    pub share_of_extent: f32,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self { spacings: 1.5, noises: 3.2, share_of_extent: 1.0 / 600.0 }
+    }
+}
+
+/// A thinned cloud.
+#[derive(Debug, Clone, Default)]
+pub struct Voxels {
+    /// One point per voxel, with the normal of its surroundings.
+    pub cloud: PointCloud,
+    /// Points in each voxel.
+    pub count: Vec<f32>,
+    /// Direction from each point to the cameras that saw it.
+    pub toward_camera: Vec<Vector3<f32>>,
+    /// Edge of a voxel, mm.
+    pub edge_mm: f32,
+}
+
+/// Thins a cloud to one point per voxel of `edge_mm` that holds at least `least` points.
+pub fn voxel_grid(merged: &Merged, edge_mm: f32, least: u32) -> Voxels {
+    let grid = Grid::new(&merged.points_mm, edge_mm);
+    let cells = Cells::new(&grid);
+    let near = cells.widen(&grid, 1);
+    let kept: Vec<usize> = (0..cells.len()).filter(|&k| cells.moments[k].count >= least as f32).collect();
+    let slots: Vec<_> = grid.occupied().collect();
+    let points: Vec<(Point3<f32>, Vector3<f32>, Vector3<f32>)> = kept
+        .par_iter()
+        .map(|&k| {
+            let (cell, run) = &slots[k];
+            let own = &cells.moments[k];
+            let place = grid.centre(*cell) + own.sum / own.count;
+            let toward = toward_camera(merged, &grid, run.clone(), &place);
+            let normal = if merged.normals.is_empty() {
+                facing(window_normal(&near.moments[k]), &toward)
+            } else {
+                mean_direction(run.clone().map(|s| merged.normals[grid.index(s)]))
+            };
+            (place, normal, toward)
+        })
+        .collect();
+    let mut voxels = Voxels { edge_mm: grid.cell_mm(), ..Voxels::default() };
+    voxels.cloud.origin_mm = merged.origin_mm;
+    for (&k, (place, normal, toward)) in kept.iter().zip(points) {
+        voxels.cloud.points_mm.push(place);
+        voxels.cloud.normals.push(normal);
+        voxels.toward_camera.push(toward);
+        voxels.count.push(cells.moments[k].count);
+    }
+    voxels
+}
+
+fn window_normal(window: &Moments) -> Vector3<f32> {
+    window.plane().normal
+}
+
+fn facing(normal: Vector3<f32>, toward: &Vector3<f32>) -> Vector3<f32> {
+    if normal.dot(toward) < 0.0 { -normal } else { normal }
+}
+
+fn mean_direction(directions: impl Iterator<Item = Vector3<f32>>) -> Vector3<f32> {
+    directions.sum::<Vector3<f32>>().try_normalize(1e-6).unwrap_or_else(Vector3::z)
+}
+
+/// Mean direction from a voxel to the cameras of its points.
+fn toward_camera(
+    merged: &Merged,
+    grid: &Grid,
+    run: std::ops::Range<usize>,
+    place: &Point3<f32>,
+) -> Vector3<f32> {
+    mean_direction(run.map(|slot| {
+        let camera = merged.cameras_mm[usize::from(merged.view[grid.index(slot)])];
+        (camera - place).normalize()
+    }))
+}

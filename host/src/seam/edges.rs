@@ -1,0 +1,51 @@
+//! Edge scores of a whole cloud (paper II-E), by core's kernels over a spatial index.
+//!
+//! Beyond the paper: the gate on the intensity itself, derived from the cloud, without which the scale-free ratio takes
+//! flat noise for edges; and the sign of the asymmetry, which tells an inside corner from an outside one.
+
+use crate::downsampling::Voxels;
+use crate::grid::Grid;
+use nalgebra::Vector3;
+use rayon::prelude::*;
+use weldpath_core::seam::intensity::asymmetry;
+
+/// Capacity of a neighbourhood: a ball of four voxels about a corner of three faces holds no more.
+const CAPACITY: usize = 192;
+
+/// Scores of the points of a cloud, in its order.
+#[derive(Debug, Clone, Default)]
+pub struct Scores {
+    /// Eq. (12).
+    pub intensity: Vec<f32>,
+    /// Part of the asymmetry along the normal: positive at an inside corner.
+    pub concavity: Vec<f32>,
+    /// Intensity above which a point may be an edge.
+    pub gate: f32,
+}
+
+/// Scores every voxel within balls of `radius_mm`.
+pub fn score(voxels: &Voxels, grid: &Grid, radius_mm: f32) -> Scores {
+    let both: Vec<(f32, f32)> = (0..grid.len())
+        .into_par_iter()
+        .map(|slot| {
+            let at = grid.point(slot);
+            let mut offsets = heapless::Vec::<Vector3<f32>, CAPACITY>::new();
+            grid.within(&at, radius_mm, |other, _| {
+                if other != slot {
+                    let _ = offsets.push(grid.point(other) - at);
+                }
+            });
+            let shift = asymmetry(&offsets, radius_mm);
+            let k = grid.index(slot);
+            (shift.norm(), shift.dot(&voxels.toward_camera[k]))
+        })
+        .collect();
+    let mut scores = Scores { intensity: vec![0.0; grid.len()], concavity: vec![0.0; grid.len()], gate: 0.0 };
+    for (slot, (i, c)) in both.into_iter().enumerate() {
+        scores.intensity[grid.index(slot)] = i;
+        scores.concavity[grid.index(slot)] = c;
+    }
+    let median = crate::normals::median(&mut scores.intensity.clone());
+    scores.gate = (2.5 * median).max(0.10);
+    scores
+}

@@ -1,0 +1,525 @@
+//! Below the voxel: each station of a seam is the intersection of the two faces fitted to raw points beside it (ours).
+//!
+//! Raw points, because the bilateral filter rounds corners. Seam coordinates, because a straight window would bend a curved
+//! seam. Heights are fitted over a window along the seam, the root itself left out, and the fits are intersected in the
+//! cross-section; the stations are then smoothed as stiffly as cross-validation allows.
+
+use super::chain::Chain;
+use super::face::{self, Fit, Reach, Sample};
+use super::section::{Beside, Frame, beside, near_path};
+use super::smooth::Samples;
+use crate::cloud::Merged;
+use crate::normals::median;
+use nalgebra::{Matrix2, Point3, Vector2, Vector3};
+use rayon::prelude::*;
+
+/// Sizes, in voxels unless named otherwise.
+#[derive(Debug, Clone, Copy)]
+pub struct Config {
+    /// Distance of stations.
+    pub step: f32,
+    /// Half length of the window along the seam.
+    pub half: f32,
+    /// Strip beside the root that is left out.
+    pub root: f32,
+    /// The same where the faces meet at less than 75 degrees: there is a gap, or a root face.
+    pub acute_root: f32,
+    /// Farthest from the seam that points are used.
+    pub reach: f32,
+    /// The same on curved faces.
+    pub curved_reach: f32,
+    /// Longest stretch without points that is bridged.
+    pub gap: f32,
+    /// Rounds of fit and re-projection.
+    pub rounds: usize,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            step: 1.7,
+            half: 8.3,
+            root: 0.85,
+            acute_root: 1.85,
+            reach: 11.7,
+            curved_reach: 8.3,
+            gap: 6.7,
+            rounds: 3,
+        }
+    }
+}
+
+/// A refined seam.
+#[derive(Debug, Clone)]
+pub struct Refined {
+    /// Stations at equal steps.
+    pub frames: Vec<Frame>,
+    /// Distance of stations, mm.
+    pub step_mm: f32,
+    /// Whether the last station is followed by the first.
+    pub closed: bool,
+    /// Which stations were measured, not bridged.
+    pub measured: Vec<bool>,
+    /// Noise of the points about the faces, mm.
+    pub sigma_mm: f64,
+    /// Standard deviation of the smoothed position across the seam from the points' noise alone, mm.
+    pub scatter_mm: f64,
+    /// Standard deviation of the smoothed face normals, rad.
+    pub tilt_rad: f64,
+    /// Distance that points of each face reach from the seam, mm.
+    pub reach_mm: [f32; 2],
+    /// Largest curvature of each face across the seam, 1/mm.
+    pub bend_per_mm: [f64; 2],
+    /// Per station and face: share of each view in the fit.
+    pub view_share: Vec<[Vec<f32>; 2]>,
+}
+
+/// Refines a chain; `None` if too little of it is supported by raw points.
+pub fn refine(merged: &Merged, chain: &Chain, voxel_mm: f32, config: &Config) -> Option<Refined> {
+    let mut path = Path::new(chain, config.step * voxel_mm)?;
+    let reach_mm = config.reach * voxel_mm;
+    let mut near = Vec::new();
+    let mut refined = None;
+    for round in 0..config.rounds {
+        path.extend(if round == 0 { 2 } else { 4 });
+        if round < 2 {
+            near = near_path(merged, &path.frames, reach_mm + 4.0 * voxel_mm);
+        }
+        let section = Section::new(merged, &near, &path, voxel_mm, config, round);
+        let stations = section.stations(&path);
+        let outcome = smoothed(&path, &stations, &section, voxel_mm, config)?;
+        path = Path { frames: outcome.frames.clone(), step_mm: outcome.step_mm, closed: path.closed };
+        refined = Some(outcome);
+    }
+    refined
+}
+
+/// Stations at equal steps.
+struct Path {
+    frames: Vec<Frame>,
+    step_mm: f32,
+    closed: bool,
+}
+
+impl Path {
+    /// A chain, lightly smoothed, at about `step_mm`.
+    fn new(chain: &Chain, step_mm: f32) -> Option<Self> {
+        let rows: Vec<[f64; 9]> = chain
+            .links
+            .iter()
+            .map(|l| {
+                let (p, [a, b]) = (l.position, l.faces);
+                [p.x, p.y, p.z, a.x, a.y, a.z, b.x, b.y, b.z].map(f64::from)
+            })
+            .collect();
+        let (rows, step_mm) = resampled(&rows, chain.closed, step_mm);
+        let weights = vec![1.0; rows.len()];
+        let samples =
+            Samples { values: &rows, weights: &weights, step_mm: f64::from(step_mm), closed: chain.closed };
+        let frames = frames(&samples.smooth(3e2), chain.closed)?;
+        Some(Self { frames, step_mm, closed: chain.closed })
+    }
+
+    /// Continues an open path straight on, to find where the seam ends.
+    fn extend(&mut self, stations: usize) {
+        if self.closed {
+            return;
+        }
+        let onward =
+            |f: &Frame, steps: f32| Frame { position: f.position + f.tangent * (steps * self.step_mm), ..*f };
+        let (Some(first), Some(last)) = (self.frames.first().copied(), self.frames.last().copied()) else {
+            return;
+        };
+        let before: Vec<Frame> = (1..=stations).rev().map(|k| onward(&first, -(k as f32))).collect();
+        let after = (1..=stations).map(|k| onward(&last, k as f32));
+        self.frames = before.into_iter().chain(self.frames.iter().copied()).chain(after).collect();
+    }
+}
+
+/// Rows `position, ...` at equal steps of the position's arc length.
+fn resampled(rows: &[[f64; 9]], closed: bool, step_mm: f32) -> (Vec<[f64; 9]>, f32) {
+    let mut rows = rows.to_vec();
+    if closed {
+        rows.push(rows[0]);
+    }
+    let place = |r: &[f64; 9]| Vector3::new(r[0], r[1], r[2]);
+    let mut at = vec![0.0];
+    for w in rows.windows(2) {
+        at.push(at[at.len() - 1] + (place(&w[1]) - place(&w[0])).norm());
+    }
+    let length = at[at.len() - 1];
+    let steps = ((length / f64::from(step_mm)).round() as usize).max(4);
+    let mut out = Vec::with_capacity(steps + 1);
+    let mut k = 0;
+    for i in 0..steps + usize::from(!closed) {
+        let s = length * i as f64 / steps as f64;
+        while k + 2 < rows.len() && at[k + 1] < s {
+            k += 1;
+        }
+        let share = ((s - at[k]) / (at[k + 1] - at[k]).max(1e-12)).clamp(0.0, 1.0);
+        out.push(std::array::from_fn(|d| rows[k][d] * (1.0 - share) + rows[k + 1][d] * share));
+    }
+    (out, (length / steps as f64) as f32)
+}
+
+/// Frames of rows `position, face, face`, the tangent by central differences.
+fn frames(rows: &[[f64; 9]], closed: bool) -> Option<Vec<Frame>> {
+    let n = rows.len();
+    let place = |k: usize| Point3::new(rows[k][0] as f32, rows[k][1] as f32, rows[k][2] as f32);
+    let vector =
+        |k: usize, d: usize| Vector3::new(rows[k][d] as f32, rows[k][d + 1] as f32, rows[k][d + 2] as f32);
+    (0..n)
+        .map(|k| {
+            let (before, after) = if closed {
+                ((k + n - 1) % n, (k + 1) % n)
+            } else {
+                (k.saturating_sub(1), (k + 1).min(n - 1))
+            };
+            Frame::new(place(k), place(after) - place(before), [vector(k, 3), vector(k, 6)])
+        })
+        .collect()
+}
+
+/// The raw points of a path in its coordinates, by face and along the seam.
+struct Section {
+    /// Sorted along the seam.
+    points: [Vec<Beside>; 2],
+    /// Coefficient of `u²` per face and station.
+    bend: [Vec<f64>; 2],
+    reach_mm: [f32; 2],
+    half_mm: f32,
+    inner_mm: f32,
+    length_mm: f32,
+    closed: bool,
+    views: usize,
+}
+
+/// What one station measured: correction across the seam, face normals in the cross-section, fits.
+struct Station {
+    across: Vector2<f64>,
+    normals: [Vector2<f64>; 2],
+    fits: [Fit; 2],
+    /// Points of each face next to the seam and level with the station.
+    present: [usize; 2],
+    view_share: [Vec<f32>; 2],
+}
+
+impl Section {
+    fn new(merged: &Merged, near: &[u32], path: &Path, voxel_mm: f32, config: &Config, round: usize) -> Self {
+        let most_mm = config.reach * voxel_mm;
+        let all = beside(merged, near, &path.frames, path.closed, path.step_mm, most_mm + 2.5 * voxel_mm);
+        let mut cosines: Vec<f32> = path.frames.iter().map(|f| f.faces[0].dot(&f.faces[1])).collect();
+        let opening_deg = 180.0 - median(&mut cosines).clamp(-1.0, 1.0).acos().to_degrees();
+        let root_mm = voxel_mm * if opening_deg < 75.0 { config.acute_root } else { config.root };
+        let gate_mm = voxel_mm * (1.7 - 0.35 * round as f32).max(1.0);
+        let scale = Reach { from_mm: root_mm, inner_mm: 5.4 * voxel_mm, most_mm };
+        let mut section = Self {
+            points: [Vec::new(), Vec::new()],
+            bend: [Vec::new(), Vec::new()],
+            reach_mm: [0.0; 2],
+            half_mm: config.half * voxel_mm,
+            inner_mm: scale.inner_mm,
+            length_mm: path.step_mm * path.frames.len() as f32,
+            closed: path.closed,
+            views: merged.cameras_mm.len(),
+        };
+        for face in 0..2 {
+            let mine = |p: &&Beside| {
+                usize::from(p.face) == face
+                    && p.h.abs() < gate_mm
+                    && p.u > root_mm
+                    && p.u < most_mm
+                    && p.incidence_cos > 0.1
+            };
+            let mut points: Vec<Beside> = all.iter().filter(mine).copied().collect();
+            section.reach_mm[face] = face::reach(&points, &scale);
+            points.retain(|p| p.u < section.reach_mm[face]);
+            points.sort_unstable_by(|a, b| a.s.total_cmp(&b.s));
+            section.points[face] = points;
+            section.bend[face] = section.bends(path, face);
+        }
+        if section.bend.iter().flatten().any(|b| b.abs() > 1e-3) {
+            let limit = config.curved_reach * voxel_mm;
+            section.points.iter_mut().for_each(|points| points.retain(|p| p.u < limit));
+        }
+        section
+    }
+
+    /// Points of a face within the window about `s`, with their distance along the seam from it.
+    fn window(&self, face: usize, s: f32) -> Vec<(&Beside, f32)> {
+        let points = &self.points[face];
+        let range = |low: f32, high: f32| {
+            let from = points.partition_point(|p| p.s <= low);
+            let to = points.partition_point(|p| p.s < high);
+            points[from..to.max(from)].iter()
+        };
+        let mut found: Vec<_> = range(s - self.half_mm, s + self.half_mm).map(|p| (p, p.s - s)).collect();
+        if self.closed {
+            let l = self.length_mm;
+            found.extend(range(s - l - self.half_mm, s - l + self.half_mm).map(|p| (p, p.s + l - s)));
+            found.extend(range(s + l - self.half_mm, s + l + self.half_mm).map(|p| (p, p.s - l - s)));
+        }
+        found
+    }
+
+    fn samples(&self, face: usize, s: f32) -> Vec<Sample> {
+        let half = f64::from(self.half_mm);
+        let sample = |(p, d): (&Beside, f32)| {
+            let d = f64::from(d);
+            let taper = 1.0 - (d.abs() / half).powi(3).min(1.0);
+            // At grazing incidence jitter along the surface shows as depth.
+            let seen = f64::from(p.incidence_cos * 2.0).min(1.0);
+            Sample { d, u: f64::from(p.u), h: f64::from(p.h), w: (taper * taper + 1e-3) * seen }
+        };
+        self.window(face, s).into_iter().map(sample).collect()
+    }
+
+    /// Curvature across the seam per station, smoothed along it and dropped where it is not significant.
+    fn bends(&self, path: &Path, face: usize) -> Vec<f64> {
+        let n = path.frames.len();
+        let raw: Vec<Option<f64>> = (0..n)
+            .into_par_iter()
+            .map(|k| {
+                let flat = |mut s: Sample| {
+                    s.w = 1.0;
+                    s
+                };
+                face::bend(
+                    &self.samples(face, k as f32 * path.step_mm).into_iter().map(flat).collect::<Vec<_>>(),
+                )
+            })
+            .collect();
+        if raw.iter().flatten().count() < 5 {
+            return vec![0.0; n];
+        }
+        let width = 2.0 * f64::from(self.half_mm);
+        let smooth: Vec<f64> = (0..n)
+            .map(|k| {
+                let (mut sum, mut weights) = (0.0, 0.0);
+                for (j, value) in raw.iter().enumerate() {
+                    let Some(value) = value else { continue };
+                    let mut d = (j as f64 - k as f64) * f64::from(path.step_mm);
+                    if self.closed {
+                        let l = f64::from(self.length_mm);
+                        d = (d + 1.5 * l).rem_euclid(l) - 0.5 * l;
+                    }
+                    let w = (-0.5 * (d / width).powi(2)).exp();
+                    sum += w * value;
+                    weights += w;
+                }
+                sum / weights
+            })
+            .collect();
+        let mut misses: Vec<f64> =
+            raw.iter().zip(&smooth).filter_map(|(r, s)| Some((r.as_ref()? - s).abs())).collect();
+        let deviation = 1.4826 * median(&mut misses) / 2.5f64.sqrt() + 2e-4;
+        let keep = |b: f64| b * (1.0 - (2.5 * deviation / b.abs().max(1e-12)).powi(2)).max(0.0);
+        smooth.into_iter().map(keep).collect()
+    }
+
+    fn stations(&self, path: &Path) -> Vec<Option<Station>> {
+        (0..path.frames.len())
+            .into_par_iter()
+            .map_init(Vec::new, |scratch, k| self.station(path, k, scratch))
+            .collect()
+    }
+
+    fn station(&self, path: &Path, k: usize, scratch: &mut Vec<f64>) -> Option<Station> {
+        let s = k as f32 * path.step_mm;
+        let samples = [self.samples(0, s), self.samples(1, s)];
+        let half = f64::from(self.half_mm);
+        let fits = [
+            face::fit(&samples[0], self.bend[0][k], half, scratch)?,
+            face::fit(&samples[1], self.bend[1][k], half, scratch)?,
+        ];
+        // A station beside which either face has (almost) no points is beyond the end of the seam.
+        let beside = f64::from(path.step_mm);
+        let inner = f64::from(self.inner_mm);
+        let present = |f: usize| {
+            let fit = &fits[f];
+            let on = |p: &&Sample| {
+                let height = fit.offset + p.u * (fit.slope + fit.bend * p.u);
+                p.d.abs() < beside && p.u < inner && (p.h - height).abs() < 4.0 * fit.sigma
+            };
+            samples[f].iter().filter(on).count()
+        };
+        let present = [present(0), present(1)];
+        let frame = &path.frames[k];
+        let (across, normals) = intersect(frame, &fits)?;
+        let view_share = [self.view_share(0, s), self.view_share(1, s)];
+        Some(Station { across, normals, fits, present, view_share })
+    }
+
+    fn view_share(&self, face: usize, s: f32) -> Vec<f32> {
+        let mut share = vec![0.0; self.views];
+        for (p, _) in self.window(face, s) {
+            share[usize::from(p.view)] += 1.0;
+        }
+        let total: f32 = share.iter().sum::<f32>().max(1.0);
+        share.iter().map(|v| v / total).collect()
+    }
+}
+
+/// Axes of the cross-section: `o = m × n`, `n`.
+fn cross_section(frame: &Frame) -> (Vector3<f32>, Vector3<f32>) {
+    let n = frame.bisector();
+    (frame.tangent.cross(&n), n)
+}
+
+/// Where two fitted faces meet in the cross-section, and their normals there.
+fn intersect(frame: &Frame, fits: &[Fit; 2]) -> Option<(Vector2<f64>, [Vector2<f64>; 2])> {
+    let (o, n) = cross_section(frame);
+    let flat = |v: &Vector3<f32>| Vector2::new(f64::from(v.dot(&o)), f64::from(v.dot(&n)));
+    let into = frame.into_faces().map(|v| flat(&v));
+    let off = frame.faces.map(|v| flat(&v));
+    let mut x = Vector2::zeros();
+    let mut rows = [Vector2::zeros(); 2];
+    for _ in 0..3 {
+        let mut miss = Vector2::zeros();
+        for k in 0..2 {
+            let u = x.dot(&into[k]);
+            let f = &fits[k];
+            miss[k] = x.dot(&off[k]) - (f.offset + f.slope * u + f.bend * u * u);
+            rows[k] = off[k] - into[k] * (f.slope + 2.0 * f.bend * u);
+        }
+        x -= Matrix2::from_rows(&[rows[0].transpose(), rows[1].transpose()]).try_inverse()? * miss;
+    }
+    Some((x, [rows[0].try_normalize(1e-9)?, rows[1].try_normalize(1e-9)?]))
+}
+
+/// Stations without outliers, in one stretch, smoothed.
+fn smoothed(
+    path: &Path,
+    stations: &[Option<Station>],
+    section: &Section,
+    voxel_mm: f32,
+    config: &Config,
+) -> Option<Refined> {
+    let good = trusted(&present(stations), voxel_mm);
+    let longest_gap = (config.gap * voxel_mm / path.step_mm) as usize;
+    let (from, to) = if path.closed { (0, good.len()) } else { longest_run(&good, longest_gap)? };
+    let kept = &stations[from..to];
+    let good = &good[from..to];
+    if good.iter().filter(|g| **g).count() < 6 {
+        return None;
+    }
+    let mut places = Vec::with_capacity(kept.len());
+    let mut normals = Vec::with_capacity(kept.len());
+    let mut weights = Vec::with_capacity(kept.len());
+    for (k, station) in kept.iter().enumerate() {
+        let frame = &path.frames[from + k];
+        let (o, n) = cross_section(frame);
+        let lift = |v: &Vector2<f64>| (o * v.x as f32 + n * v.y as f32).cast::<f64>();
+        let (place, faces) = match station {
+            Some(s) if good[k] => (lift(&s.across), [lift(&s.normals[0]), lift(&s.normals[1])]),
+            _ => (Vector3::zeros(), frame.faces.map(|f| f.cast())),
+        };
+        let p = frame.position.coords.cast::<f64>() + place;
+        places.push([p.x, p.y, p.z]);
+        normals.push([faces[0].x, faces[0].y, faces[0].z, faces[1].x, faces[1].y, faces[1].z]);
+        let one_sided = station.as_ref().map_or(0.0, |s| {
+            let balance = s.fits.iter().map(|f| f.support.1.min(-f.support.0)).fold(f64::MAX, f64::min);
+            if path.closed {
+                1.0
+            } else {
+                (balance / f64::from(section.half_mm)).clamp(0.0, 1.0).powi(2).max(0.03)
+            }
+        });
+        weights.push(if good[k] { one_sided } else { 0.0 });
+    }
+    let step_mm = f64::from(path.step_mm);
+    let block_mm = f64::from(2.0 * section.half_mm);
+    let line = Samples { values: &places, weights: &weights, step_mm, closed: path.closed };
+    let tilt = Samples { values: &normals, weights: &weights, step_mm, closed: path.closed };
+    let smooth_places = line.smooth(line.stiffness(block_mm));
+    let smooth_normals = tilt.smooth(tilt.stiffness(block_mm).max(1e3));
+    let rows: Vec<[f64; 9]> = smooth_places
+        .iter()
+        .zip(&smooth_normals)
+        .map(|(p, n)| [p[0], p[1], p[2], n[0], n[1], n[2], n[3], n[4], n[5]])
+        .collect();
+    let (rows, new_step_mm) = resampled(&rows, path.closed, path.step_mm);
+    let frames = frames(&rows, path.closed)?;
+    let misses = |curve: &[[f64; 3]]| -> f64 {
+        let mut d: Vec<f64> = curve
+            .iter()
+            .zip(&places)
+            .zip(good)
+            .filter(|(_, g)| **g)
+            .map(|((a, b), _)| (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt())
+            .collect();
+        median(&mut d)
+    };
+    let scatter_mm = misses(&smooth_places);
+    let fits = || kept.iter().flatten().flat_map(|s| s.fits);
+    let sigma_mm = median(&mut fits().map(|f| f.sigma).collect::<Vec<_>>());
+    let tilt_rad = median(&mut fits().map(|f| f.sigma * (5.5 * f.slope_variance).sqrt()).collect::<Vec<_>>());
+    // Shares are indexed by old stations; after resampling the nearest serves.
+    let shares: Vec<[Vec<f32>; 2]> = (0..frames.len())
+        .map(|k| {
+            let old = (k * kept.len() / frames.len()).min(kept.len() - 1);
+            let near = (0..kept.len()).filter(|&j| kept[j].is_some()).min_by_key(|&j| j.abs_diff(old));
+            near.and_then(|j| kept[j].as_ref()).map(|s| s.view_share.clone()).unwrap_or_default()
+        })
+        .collect();
+    let measured =
+        (0..frames.len()).map(|k| good[(k * good.len() / frames.len()).min(good.len() - 1)]).collect();
+    let bend = |f: usize| section.bend[f].iter().fold(0.0f64, |m, b| m.max(b.abs()));
+    Some(Refined {
+        frames,
+        step_mm: new_step_mm,
+        closed: path.closed,
+        measured,
+        sigma_mm,
+        scatter_mm,
+        tilt_rad,
+        reach_mm: section.reach_mm,
+        bend_per_mm: [bend(0), bend(1)],
+        view_share: shares,
+    })
+}
+
+/// Stations that have a fair share of points on both faces; the rest is beyond the end of the seam, or in a gap.
+fn present(stations: &[Option<Station>]) -> Vec<Option<&Station>> {
+    const FAIR_SHARE: f64 = 0.25;
+    let usual = |f: usize| {
+        let mut counts: Vec<f64> = stations.iter().flatten().map(|s| s.present[f] as f64).collect();
+        median(&mut counts)
+    };
+    let least = [FAIR_SHARE * usual(0), FAIR_SHARE * usual(1)];
+    let fair =
+        |s: &&Station| s.present[0] as f64 >= least[0].max(1.0) && s.present[1] as f64 >= least[1].max(1.0);
+    stations.iter().map(|s| s.as_ref().filter(fair)).collect()
+}
+
+/// Stations whose correction is near that of their neighbours.
+fn trusted(stations: &[Option<&Station>], voxel_mm: f32) -> Vec<bool> {
+    let far = 3.3 * f64::from(voxel_mm);
+    let mut good: Vec<bool> =
+        stations.iter().map(|s| s.as_ref().is_some_and(|s| s.across.norm() < far)).collect();
+    for axis in 0..2 {
+        let index: Vec<usize> = (0..good.len()).filter(|&k| good[k]).collect();
+        let value: Vec<f64> = index.iter().map(|&k| stations[k].map_or(0.0, |s| s.across[axis])).collect();
+        let running: Vec<f64> = (0..value.len())
+            .map(|k| median(&mut value[k.saturating_sub(4)..(k + 5).min(value.len())].to_vec()))
+            .collect();
+        let mut misses: Vec<f64> = value.iter().zip(&running).map(|(v, r)| (v - r).abs()).collect();
+        let limit = (0.3 * f64::from(voxel_mm)).max(5.0 * 1.4826 * median(&mut misses.clone()));
+        for (&k, miss) in index.iter().zip(misses.drain(..)) {
+            good[k] &= miss <= limit;
+        }
+    }
+    good
+}
+
+/// The longest stretch of good stations whose gaps are at most `gap` stations long.
+fn longest_run(good: &[bool], gap: usize) -> Option<(usize, usize)> {
+    let mut runs: Vec<(usize, usize)> = Vec::new();
+    for k in (0..good.len()).filter(|&k| good[k]) {
+        match runs.last_mut() {
+            Some(run) if k - run.1 <= gap + 1 => run.1 = k,
+            _ => runs.push((k, k)),
+        }
+    }
+    runs.into_iter().map(|(a, b)| (a, b + 1)).max_by_key(|(a, b)| b - a)
+}

@@ -1,0 +1,148 @@
+//! Points beside a seam in the seam's own coordinates: along it, and out along and off each face (ours).
+
+use crate::cloud::Merged;
+use crate::grid::Grid;
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+/// One station of a seam that is being refined; single precision about the cloud's origin.
+#[derive(Debug, Clone, Copy)]
+pub struct Frame {
+    /// On the seam, mm.
+    pub position: Point3<f32>,
+    /// Unit tangent.
+    pub tangent: Vector3<f32>,
+    /// Unit normals of the faces, each normal to the tangent.
+    pub faces: [Vector3<f32>; 2],
+}
+
+impl Frame {
+    /// Makes tangent and face normals unit and square to each other.
+    pub fn new(position: Point3<f32>, tangent: Vector3<f32>, faces: [Vector3<f32>; 2]) -> Option<Self> {
+        let t = tangent.try_normalize(1e-6)?;
+        let square = |n: Vector3<f32>| (n - t * n.dot(&t)).try_normalize(1e-3);
+        Some(Self { position, tangent: t, faces: [square(faces[0])?, square(faces[1])?] })
+    }
+
+    /// In-face direction from the seam into each face.
+    pub fn into_faces(&self) -> [Vector3<f32>; 2] {
+        [0, 1].map(|k| {
+            let along = self.tangent.cross(&self.faces[k]);
+            if along.dot(&self.faces[1 - k]) < 0.0 { -along } else { along }
+        })
+    }
+
+    /// Bisector of the faces, out of the work.
+    pub fn bisector(&self) -> Vector3<f32> {
+        (self.faces[0] + self.faces[1]).try_normalize(1e-6).unwrap_or(self.faces[0])
+    }
+}
+
+/// A raw point beside the seam.
+#[derive(Debug, Clone, Copy)]
+pub struct Beside {
+    /// Along the seam from its first station, mm.
+    pub s: f32,
+    /// Which face it is nearer to.
+    pub face: u8,
+    /// Distance from the seam along that face, mm.
+    pub u: f32,
+    /// Height off that face, out of the work, mm.
+    pub h: f32,
+    /// View that saw it.
+    pub view: u16,
+    /// Cosine of the angle between its ray and the face's normal.
+    pub incidence_cos: f32,
+}
+
+/// Raw points near a path, culled once.
+pub fn near_path(merged: &Merged, frames: &[Frame], reach_mm: f32) -> Vec<u32> {
+    let stations: Vec<_> = frames.iter().map(|f| f.position).collect();
+    let grid = Grid::new(&stations, reach_mm);
+    let (low, high) =
+        stations.iter().fold((Vector3::repeat(f32::MAX), Vector3::repeat(f32::MIN)), |(l, h), p| {
+            (l.inf(&p.coords), h.sup(&p.coords))
+        });
+    let (low, high) = (low.add_scalar(-reach_mm), high.add_scalar(reach_mm));
+    (0..merged.points_mm.len() as u32)
+        .into_par_iter()
+        .with_min_len(4096)
+        .filter(|&k| {
+            let p = &merged.points_mm[k as usize];
+            let inside =
+                p.x > low.x && p.y > low.y && p.z > low.z && p.x < high.x && p.y < high.y && p.z < high.z;
+            inside && grid.nearest(p, reach_mm, |_| true).is_some()
+        })
+        .collect()
+}
+
+/// Seam coordinates of raw points; those beyond the ends of an open seam by more than a step are left out.
+pub fn beside(
+    merged: &Merged,
+    near: &[u32],
+    frames: &[Frame],
+    closed: bool,
+    step_mm: f32,
+    reach_mm: f32,
+) -> Vec<Beside> {
+    let stations: Vec<_> = frames.iter().map(|f| f.position).collect();
+    let grid = Grid::new(&stations, reach_mm);
+    near.par_iter()
+        .with_min_len(1024)
+        .filter_map(|&k| {
+            let p = merged.points_mm[k as usize];
+            let (slot, _) = grid.nearest(&p, 1.5 * reach_mm, |_| true)?;
+            let (mut point, foot) = coordinates(&p, frames, grid.index(slot), closed, step_mm)?;
+            point.view = merged.view[k as usize];
+            let ray = (merged.cameras_mm[usize::from(point.view)] - p).normalize();
+            point.incidence_cos = ray.dot(&foot.faces[usize::from(point.face)]);
+            Some(point)
+        })
+        .collect()
+}
+
+/// Coordinates of a point by the frame at its foot, interpolated between the nearest station and the one beyond it.
+fn coordinates(
+    p: &Point3<f32>,
+    frames: &[Frame],
+    nearest: usize,
+    closed: bool,
+    step_mm: f32,
+) -> Option<(Beside, Frame)> {
+    let n = frames.len();
+    let near = &frames[nearest];
+    let ahead = (p - near.position).dot(&near.tangent);
+    let other = match (ahead >= 0.0, closed) {
+        (true, true) => (nearest + 1) % n,
+        (false, true) => (nearest + n - 1) % n,
+        (true, false) => (nearest + 1).min(n - 1),
+        (false, false) => nearest.saturating_sub(1),
+    };
+    let far = &frames[other];
+    let gap = (far.position - near.position).norm();
+    let sign = if ahead >= 0.0 { 1.0 } else { -1.0 };
+    let mut share = if gap > 0.0 { (ahead.abs() / gap).min(1.0) } else { 0.0 };
+    let mut foot = mix(near, far, share)?;
+    if gap > 0.0 {
+        share = (share + (p - foot.position).dot(&foot.tangent) * sign / gap).clamp(0.0, 1.0);
+        foot = mix(near, far, share)?;
+    }
+    let d = p - foot.position;
+    let off = d.dot(&foot.tangent);
+    if off.abs() > step_mm {
+        return None;
+    }
+    let d = d - foot.tangent * off;
+    let into = foot.into_faces();
+    let (u, h) = ([d.dot(&into[0]), d.dot(&into[1])], [d.dot(&foot.faces[0]), d.dot(&foot.faces[1])]);
+    let face = usize::from(h[1].abs() < h[0].abs());
+    let s = nearest as f32 * step_mm + sign * share * step_mm + if gap > 0.0 { 0.0 } else { ahead };
+    Some((Beside { s, face: face as u8, u: u[face], h: h[face], view: 0, incidence_cos: 0.0 }, foot))
+}
+
+fn mix(a: &Frame, b: &Frame, share: f32) -> Option<Frame> {
+    let blend = |x: Vector3<f32>, y: Vector3<f32>| x * (1.0 - share) + y * share;
+    let position = a.position + (b.position - a.position) * share;
+    let faces = [blend(a.faces[0], b.faces[0]), blend(a.faces[1], b.faces[1])];
+    Frame::new(position, blend(a.tangent, b.tangent), faces)
+}

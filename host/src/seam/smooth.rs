@@ -1,0 +1,217 @@
+//! Smoothing curves: penalised least squares on a uniform grid, stiffness by cross-validation (ours).
+//!
+//! Minimises the weighted squared misfit plus `stiffness` times the integral of the squared second derivative, in
+//! discrete form (Whittaker 1923). Neighbouring stations share points, so whole blocks are left out in the validation;
+//! leaving out single stations would choose curves that follow the noise.
+
+/// Stiffness candidates, mm³ per unit weight, softest first; the last is a straight line in practice.
+const STIFFNESS: [f64; 8] = [1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e9, 1e11];
+/// Blocks that are left out in turn.
+const FOLDS: usize = 4;
+/// A stiffer curve is taken when its validation error is within this factor of the best.
+const CLOSE: f64 = 1.06;
+
+/// Samples of a vector-valued curve at equal steps; weight 0 where there is none.
+pub struct Samples<'a, const D: usize> {
+    /// Values.
+    pub values: &'a [[f64; D]],
+    /// Weights, not negative.
+    pub weights: &'a [f64],
+    /// Step, mm.
+    pub step_mm: f64,
+    /// Whether the last is followed by the first.
+    pub closed: bool,
+}
+
+impl<const D: usize> Samples<'_, D> {
+    /// The smooth curve at every step for a stiffness.
+    pub fn smooth(&self, stiffness: f64) -> Vec<[f64; D]> {
+        self.solve(self.weights, stiffness)
+    }
+
+    /// The stiffest curve that predicts left-out blocks of `block_mm` about as well as the best.
+    pub fn stiffness(&self, block_mm: f64) -> f64 {
+        let n = self.values.len();
+        let fitting = ((block_mm / self.step_mm).ceil() as usize).min(n / 6).max(1);
+        let misses: Vec<Vec<Miss>> = STIFFNESS.iter().map(|&s| self.misses(s, fitting)).collect();
+        // Large misses are outliers, not evidence; one bound for all, or soft curves would hide theirs.
+        let middle =
+            |m: &Vec<Miss>| crate::normals::median(&mut m.iter().map(|x| x.squared).collect::<Vec<_>>());
+        let cap = 9.0 * misses.iter().map(middle).fold(f64::INFINITY, f64::min);
+        let errors: Vec<Vec<f64>> =
+            misses.iter().map(|m| block_errors(m, cap, n.div_ceil(fitting))).collect();
+        let total = |e: &Vec<f64>| e.iter().sum::<f64>();
+        let best = errors.iter().min_by(|a, b| total(a).total_cmp(&total(b)));
+        let pick = best.and_then(|best| errors.iter().rposition(|e| no_worse(e, best))).unwrap_or(0);
+        STIFFNESS[pick]
+    }
+
+    /// Squared miss and weight of samples, predicted by a curve that saw neither their block nor half a block beside it.
+    fn misses(&self, stiffness: f64, per_block: usize) -> Vec<Miss> {
+        let n = self.values.len();
+        let blocks = n.div_ceil(per_block);
+        let guard = per_block.div_ceil(2);
+        let mut misses = Vec::with_capacity(n);
+        for fold in 0..FOLDS {
+            // The end blocks of an open curve can only be extrapolated, which validates nothing.
+            let judged = |k: usize| {
+                let block = k / per_block;
+                block % FOLDS == fold && (self.closed || (block > 0 && block + 1 < blocks))
+            };
+            let hidden = |k: usize| {
+                let beside = |d: isize| match k as isize + d {
+                    j if self.closed => judged(j.rem_euclid(n as isize) as usize),
+                    j => (0..n as isize).contains(&j) && judged(j as usize),
+                };
+                judged(k) || beside(guard as isize) || beside(-(guard as isize))
+            };
+            let kept: Vec<f64> =
+                self.weights.iter().enumerate().map(|(k, &w)| if hidden(k) { 0.0 } else { w }).collect();
+            let curve = self.solve(&kept, stiffness);
+            for k in (0..n).filter(|&k| judged(k) && self.weights[k] > 0.0) {
+                let miss: f64 = (0..D).map(|d| (curve[k][d] - self.values[k][d]).powi(2)).sum();
+                misses.push(Miss { squared: miss, weight: self.weights[k], block: k / per_block });
+            }
+        }
+        misses
+    }
+
+    fn solve(&self, weights: &[f64], stiffness: f64) -> Vec<[f64; D]> {
+        let n = self.values.len();
+        if !self.closed {
+            return whittaker(self.values, weights, stiffness / self.step_mm.powi(3));
+        }
+        // A loop is laid out with enough of itself on both sides.
+        let pad = (n / 2).max(1);
+        let at = |k: usize| (k + n * pad - pad) % n;
+        let values: Vec<[f64; D]> = (0..n + 2 * pad).map(|k| self.values[at(k)]).collect();
+        let around: Vec<f64> = (0..n + 2 * pad).map(|k| weights[at(k)]).collect();
+        whittaker(&values, &around, stiffness / self.step_mm.powi(3))[pad..pad + n].to_vec()
+    }
+}
+
+/// A sample predicted without it.
+struct Miss {
+    squared: f64,
+    weight: f64,
+    block: usize,
+}
+
+fn block_errors(misses: &[Miss], cap: f64, blocks: usize) -> Vec<f64> {
+    let mut errors = vec![0.0; blocks];
+    for m in misses {
+        errors[m.block] += m.squared.min(cap) * m.weight;
+    }
+    errors
+}
+
+/// Whether errors exceed the best ones by no more than a standard error of their difference: a few blocks cannot tell
+/// more, and the stiffer curve is the likelier one.
+fn no_worse(errors: &[f64], best: &[f64]) -> bool {
+    let n = errors.len() as f64;
+    let differences = || errors.iter().zip(best).map(|(e, b)| e - b);
+    let mean = differences().sum::<f64>() / n;
+    let variance = differences().map(|d| (d - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
+    let total: f64 = best.iter().sum::<f64>() / n;
+    mean <= (variance / n).sqrt().max((CLOSE - 1.0) * total)
+}
+
+/// Solves `(W + penalty DᵀD) f = W y`, D the second differences: five diagonals, so linear in the number of samples.
+fn whittaker<const D: usize>(values: &[[f64; D]], weights: &[f64], penalty: f64) -> Vec<[f64; D]> {
+    let n = values.len();
+    if n < 3 {
+        return values.to_vec();
+    }
+    let mut bands = vec![[0.0f64; 3]; n];
+    for (k, band) in bands.iter_mut().enumerate() {
+        band[0] = weights[k].max(1e-12);
+    }
+    for k in 0..n - 2 {
+        for (i, a) in [1.0, -2.0, 1.0].into_iter().enumerate() {
+            for (j, b) in [1.0, -2.0, 1.0].into_iter().enumerate().skip(i) {
+                bands[k + i][j - i] += penalty * a * b;
+            }
+        }
+    }
+    let mut f: Vec<[f64; D]> =
+        values.iter().zip(weights).map(|(y, &w)| y.map(|v| v * w.max(1e-12))).collect();
+    // LDLᵀ in place: band[0] becomes the pivot, band[1..] the multipliers below it.
+    for k in 0..n {
+        let pivot = bands[k][0];
+        for i in 1..3.min(n - k) {
+            let multiplier = bands[k][i] / pivot;
+            for j in i..3.min(n - k) {
+                let carry = bands[k][j];
+                bands[k + i][j - i] -= multiplier * carry;
+            }
+            let row = f[k];
+            for (below, v) in f[k + i].iter_mut().zip(row) {
+                *below -= multiplier * v;
+            }
+        }
+    }
+    for k in (0..n).rev() {
+        for d in 0..D {
+            let mut v = f[k][d];
+            for i in 1..3.min(n - k) {
+                v -= bands[k][i] * f[k + i][d];
+            }
+            f[k][d] = v / bands[k][0];
+        }
+    }
+    f
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn noise(k: usize) -> f64 {
+        // A fixed sequence without structure: the finaliser of SplitMix64.
+        let mut z = (k as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        (z >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+    }
+
+    #[test]
+    fn a_straight_line_is_kept_at_any_stiffness() {
+        let values: Vec<[f64; 1]> = (0..60).map(|k| [0.3 * k as f64 - 4.0]).collect();
+        let samples = Samples { values: &values, weights: &[1.0; 60], step_mm: 2.0, closed: false };
+        for s in STIFFNESS {
+            let miss =
+                samples.smooth(s).iter().zip(&values).map(|(a, b)| (a[0] - b[0]).abs()).fold(0.0, f64::max);
+            assert!(miss < 1e-4, "{s}: {miss}");
+        }
+    }
+
+    #[test]
+    fn noise_about_a_line_is_smoothed_stiffly_and_a_circle_softly() {
+        let n = 120;
+        let weights = vec![1.0; n];
+        let line: Vec<[f64; 1]> = (0..n).map(|k| [0.2 * noise(k)]).collect();
+        let stiff = Samples { values: &line, weights: &weights, step_mm: 2.0, closed: false }.stiffness(10.0);
+        let radius = n as f64 * 2.0 / std::f64::consts::TAU;
+        let circle: Vec<[f64; 2]> = (0..n)
+            .map(|k| {
+                let a = k as f64 / n as f64 * std::f64::consts::TAU;
+                [radius * a.cos() + 0.05 * noise(k), radius * a.sin() + 0.05 * noise(k + 500)]
+            })
+            .collect();
+        let samples = Samples { values: &circle, weights: &weights, step_mm: 2.0, closed: true };
+        let soft = samples.stiffness(10.0);
+        assert!(stiff >= 1e7 && soft <= 1e5, "{stiff} {soft}");
+        let shrink: f64 =
+            samples.smooth(soft).iter().map(|p| radius - p[0].hypot(p[1])).sum::<f64>() / n as f64;
+        assert!(shrink.abs() < 0.05, "{shrink}");
+    }
+
+    #[test]
+    fn missing_samples_are_bridged() {
+        let values: Vec<[f64; 1]> =
+            (0..40).map(|k| [if (10..20).contains(&k) { 99.0 } else { k as f64 }]).collect();
+        let weights: Vec<f64> = (0..40).map(|k| if (10..20).contains(&k) { 0.0 } else { 1.0 }).collect();
+        let curve = Samples { values: &values, weights: &weights, step_mm: 1.0, closed: false }.smooth(1e2);
+        assert!((curve[15][0] - 15.0).abs() < 1e-3);
+    }
+}

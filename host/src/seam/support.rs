@@ -1,0 +1,93 @@
+//! The plane that the work rests on: the table (ours).
+//!
+//! Where a plate lies on the table, its edge makes a true inside corner that nobody welds; only knowing the table tells
+//! it apart. The support is the largest plane that has (almost) nothing behind it.
+
+use crate::downsampling::Voxels;
+use crate::normals::Moments;
+use nalgebra::{Point3, Vector3};
+
+/// Least share of all points that the support holds.
+const LEAST_SHARE: f32 = 0.15;
+/// Largest share of all points that may lie behind it.
+const MOST_BEHIND: f32 = 0.01;
+
+/// A plane and how far its points scatter.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Support {
+    /// Unit, toward the work.
+    pub normal: Vector3<f32>,
+    /// Distance of the plane from the cloud's origin along `normal`, mm.
+    pub offset_mm: f32,
+    /// Half thickness within which a point belongs to it, mm.
+    pub half_mm: f32,
+    /// Share of all points that lie on it.
+    pub share: f32,
+}
+
+impl Support {
+    /// Height over the plane, mm.
+    pub fn height_mm(&self, p: &Point3<f32>) -> f32 {
+        self.normal.dot(&p.coords) - self.offset_mm
+    }
+
+    /// Whether a face with this normal at this place is the support itself.
+    pub fn is_face(&self, normal: &Vector3<f32>, place: &Point3<f32>) -> bool {
+        normal.dot(&self.normal) > 0.96 && self.height_mm(place).abs() < 1.5 * self.half_mm
+    }
+}
+
+/// The support of a cloud, if it has one.
+pub fn find(voxels: &Voxels) -> Option<Support> {
+    let directions = common_normals(&voxels.cloud.normals);
+    directions.iter().filter_map(|n| along(voxels, n)).max_by(|a, b| a.share.total_cmp(&b.share))
+}
+
+/// Mean normals of the most common directions.
+fn common_normals(normals: &[Vector3<f32>]) -> Vec<Vector3<f32>> {
+    let mut bins = vec![(0usize, Vector3::zeros()); 11 * 11 * 11];
+    for n in normals {
+        let c = |v: f32| ((v * 5.0).round() + 5.0).clamp(0.0, 10.0) as usize;
+        let bin = &mut bins[(c(n.x) * 11 + c(n.y)) * 11 + c(n.z)];
+        *bin = (bin.0 + 1, bin.1 + n);
+    }
+    bins.sort_by_key(|b| std::cmp::Reverse(b.0));
+    bins.iter().take(6).filter_map(|(_, sum)| sum.try_normalize(1e-3)).collect()
+}
+
+/// The lowest large plane about normal to `direction`.
+fn along(voxels: &Voxels, direction: &Vector3<f32>) -> Option<Support> {
+    let total = voxels.cloud.len() as f32;
+    let bin_mm = 2.0 * voxels.edge_mm;
+    let mut normal = *direction;
+    let mut found = None;
+    for _ in 0..3 {
+        let facing = |k: usize| voxels.cloud.normals[k].dot(&normal) > 0.9;
+        let height = |k: usize| normal.dot(&voxels.cloud.points_mm[k].coords);
+        let heights: Vec<f32> = (0..voxels.cloud.len()).filter(|&k| facing(k)).map(height).collect();
+        let (low, high) = heights.iter().fold((f32::MAX, f32::MIN), |(l, h), &v| (l.min(v), h.max(v)));
+        if heights.is_empty() || high - low > 1e6 * bin_mm {
+            return None;
+        }
+        let mut histogram = vec![0u32; ((high - low) / bin_mm) as usize + 2];
+        heights.iter().for_each(|h| histogram[((h - low) / bin_mm) as usize] += 1);
+        let peak = histogram.windows(2).position(|w| (w[0] + w[1]) as f32 > LEAST_SHARE * 0.6 * total)?;
+        let best =
+            (peak..(peak + 3).min(histogram.len() - 1)).max_by_key(|&b| histogram[b] + histogram[b + 1])?;
+        let middle = low + (best + 1) as f32 * bin_mm;
+        let mut moments = Moments::default();
+        for k in (0..voxels.cloud.len()).filter(|&k| facing(k) && (height(k) - middle).abs() < bin_mm) {
+            moments.add(voxels.cloud.points_mm[k].coords - normal * middle);
+        }
+        let plane = moments.plane();
+        let up = if plane.normal.dot(&normal) < 0.0 { -plane.normal } else { plane.normal };
+        let offset_mm = up.dot(&(plane.mean + normal * middle));
+        normal = up;
+        let half_mm = (3.0 * plane.variance_mm2.sqrt()).max(voxels.edge_mm);
+        found = Some(Support { normal, offset_mm, half_mm, share: moments.count / total });
+    }
+    let support = found?;
+    let behind =
+        voxels.cloud.points_mm.iter().filter(|p| support.height_mm(p) < -3.0 * support.half_mm).count();
+    (support.share > LEAST_SHARE && behind as f32 <= MOST_BEHIND * total).then_some(support)
+}
