@@ -119,6 +119,7 @@ pub struct Sender {
     nonce: u32,
     link: Link,
     rto: Rto,
+    chunk_rto: Rto,
     ping_due_us: u64,
     queue: Deque<(u16, Command), QUEUE>,
     tickets: u16,
@@ -140,6 +141,7 @@ impl Sender {
             nonce: 0,
             link: Link::Closed,
             rto: Rto::default(),
+            chunk_rto: Rto::default(),
             ping_due_us: 0,
             queue: Deque::new(),
             tickets: 0,
@@ -246,7 +248,7 @@ impl Sender {
         }
         match frame.message {
             PendantMessage::Reply { request, answer } => self.answered(request, answer),
-            PendantMessage::Ack(ack) => self.acked(&ack),
+            PendantMessage::Ack(ack) => self.acked(&ack, now_us),
             PendantMessage::ChunkRefused(refused) => self.chunk_refused(refused),
             PendantMessage::Pong { token } => {
                 self.rto.measured((now_us as u32).wrapping_sub(token));
@@ -256,7 +258,7 @@ impl Sender {
                 self.fault_seen = Some(number);
                 Notice::Fault(fault)
             }
-            PendantMessage::Telemetry(telemetry) => self.telemetry(telemetry),
+            PendantMessage::Telemetry(telemetry) => self.telemetry(telemetry, now_us),
             PendantMessage::Samples(samples) => Notice::Samples(samples),
             PendantMessage::NoSession { boot } => {
                 self.close();
@@ -312,20 +314,20 @@ impl Sender {
     }
 
     /// Telemetry that was overtaken is dropped: an operator who acts on it would act on a state that is gone.
-    fn telemetry(&mut self, telemetry: Telemetry) -> Notice {
+    fn telemetry(&mut self, telemetry: Telemetry, now_us: u64) -> Notice {
         if self.heard_tick.is_some_and(|tick| (telemetry.tick.wrapping_sub(tick) as i32) < 0) {
             return Notice::Nothing;
         }
         self.heard_tick = Some(telemetry.tick);
         if let Some(ack) = telemetry.load {
-            let _ = self.acked(&ack);
+            let _ = self.acked(&ack, now_us);
         }
         Notice::Telemetry(telemetry)
     }
 
-    fn acked(&mut self, ack: &Ack) -> Notice {
+    fn acked(&mut self, ack: &Ack, now_us: u64) -> Notice {
         if let Some(upload) = &mut self.upload {
-            upload.acked(ack);
+            upload.acked(ack, now_us, &mut self.chunk_rto);
         }
         Notice::Nothing
     }
@@ -404,7 +406,7 @@ impl Sender {
 
     fn poll_chunk(&mut self, now_us: u64, path: &[Waypoint]) -> Option<HostMessage> {
         let upload = self.upload.as_mut()?;
-        let (number, again) = upload.due(now_us, &self.rto, u32::from(self.config.window))?;
+        let (number, again) = upload.due(now_us, &self.chunk_rto, u32::from(self.config.window))?;
         let chunk = upload.chunk(number, path)?;
         let count = chunk.waypoints.len() as u64;
         if again {

@@ -1,5 +1,5 @@
-//! When to send again: the retransmission time-out of RFC 6298, fed by pings only, so that a repeated message never
-//! measures the wrong copy (Karn). Times are microseconds.
+//! When to send again: the retransmission time-out of RFC 6298, fed by pings and by chunks that were sent only once,
+//! so that a repeated message never measures the wrong copy (Karn). Times are microseconds.
 
 const LEAST_US: u32 = 25_000;
 const MOST_US: u32 = 2_000_000;

@@ -64,11 +64,13 @@ impl Upload {
         u32::from(self.begin.chunk.max(1))
     }
 
-    /// Acks may overtake each other: nothing that was once there is forgotten.
-    pub(super) fn acked(&mut self, ack: &Ack) {
+    /// Acks may overtake each other: nothing that was once there is forgotten. Chunks sent once measure the round
+    /// trip, for it takes a slow line longer to carry them than a ping.
+    pub(super) fn acked(&mut self, ack: &Ack, now_us: u64, rto: &mut Rto) {
         if ack.path != self.begin.path || ack.next < self.ack.next || ack.next > self.begin.total {
             return;
         }
+        let missing = self.missing();
         let chunks = (ack.next - self.ack.next).div_ceil(self.grid());
         let known = self.ack.sack.checked_shr(chunks).unwrap_or(0);
         let limit = self.ack.limit.max(ack.limit).min(self.begin.total);
@@ -76,6 +78,19 @@ impl Upload {
         if self.step == Step::Chunks && self.ack.next == self.begin.total {
             self.step = Step::Commit;
         }
+        let arrived = missing.filter(|&chunk| self.is_there(chunk));
+        let flights = arrived.filter_map(|chunk| self.flights.get(chunk as usize % FLIGHTS));
+        for flight in flights.filter(|flight| flight.sends == 1) {
+            rto.measured(u32::try_from(now_us.saturating_sub(flight.sent_us)).unwrap_or(u32::MAX));
+        }
+    }
+
+    /// Chunks under way, as the acks so far show.
+    fn missing(&self) -> impl Iterator<Item = u32> + use<> {
+        let (base, unsent, sack) = (self.base(), self.unsent, self.ack.sack);
+        let there =
+            move |chunk: u32| chunk > base && sack.checked_shr(chunk - base - 1).unwrap_or(0) & 1 == 1;
+        (base..unsent).filter(move |&chunk| !there(chunk))
     }
 
     fn base(&self) -> u32 {
@@ -101,10 +116,9 @@ impl Upload {
         if self.step != Step::Chunks {
             return None;
         }
-        let under_way = self.base()..self.unsent;
-        let chunk = match under_way.clone().find(|&chunk| self.is_lost(chunk, now_us, rto)) {
+        let chunk = match self.missing().find(|&chunk| self.is_lost(chunk, now_us, rto)) {
             Some(lost) => lost,
-            None if self.may_send_new(under_way, window) => self.unsent,
+            None if self.may_send_new(window) => self.unsent,
             None => return None,
         };
         let again = chunk < self.unsent;
@@ -115,18 +129,15 @@ impl Upload {
         Some((chunk, again))
     }
 
-    fn may_send_new(&self, mut under_way: core::ops::Range<u32>, window: u32) -> bool {
+    fn may_send_new(&self, window: u32) -> bool {
         let first = self.unsent.saturating_mul(self.grid());
         let end = first.saturating_add(self.grid()).min(self.begin.total);
         let shown = self.unsent.saturating_sub(self.base()) <= SACK_CHUNKS;
-        let waiting = under_way.by_ref().filter(|&chunk| !self.is_there(chunk)).count() as u32;
+        let waiting = self.missing().count() as u32;
         first < self.begin.total && end <= self.ack.limit && shown && waiting < window
     }
 
     fn is_lost(&self, chunk: u32, now_us: u64, rto: &Rto) -> bool {
-        if self.is_there(chunk) {
-            return false;
-        }
         let Some(flight) = self.flights.get(chunk as usize % FLIGHTS) else { return false };
         let age_us = now_us.saturating_sub(flight.sent_us);
         let round_trip_us = u64::from(rto.round_trip_us());
