@@ -10,8 +10,12 @@ use core::f32::consts::FRAC_2_PI;
 
 use crate::{Direction, Vector};
 
-/// Square root, correctly rounded.
+/// Square root, correctly rounded: the board's own with feature `fpu`, which has the same bits.
+#[inline]
 pub fn sqrt(x: f32) -> f32 {
+    #[cfg(feature = "fpu")]
+    return weldpath_fpu::sqrt(x);
+    #[cfg(not(feature = "fpu"))]
     libm::sqrtf(x)
 }
 

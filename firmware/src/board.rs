@@ -2,8 +2,8 @@
 //!
 //! Every board module has: `start` (clocks, ports, interrupts; outputs stay off; the tick runs), which gives a
 //! `Watchdog` to feed and a number that differs from start to start; `wake_link`; `outputs_off` (from any context,
-//! without a queue or a lock); `watchdog_fired`. It calls [`crate::torch::tick`] every 2 ms at the highest priority
-//! and [`crate::serial::LINK`] from its port's interrupts.
+//! without a queue or a lock); `watchdog_fired`. It calls [`crate::torch::tick`] every 2 ms and
+//! [`crate::serial::LINK`] from its port's interrupts, at the priorities in `cortex_m4`.
 
 mod cortex_m4;
 #[cfg(feature = "mps2-an386")]
@@ -11,7 +11,7 @@ mod mps2_an386;
 #[cfg(feature = "stm32f407")]
 mod stm32f407;
 
-pub use cortex_m4::{BootRecord, ResetCause, boot_record, reset, stack_used_bytes};
+pub use cortex_m4::{BootRecord, ResetCause, Shared, boot_record, reset, stack_used_bytes};
 #[cfg(feature = "mps2-an386")]
 pub use mps2_an386::{Stopwatch, Watchdog, outputs_off, start, wake_link, watchdog_fired};
 #[cfg(feature = "stm32f407")]
@@ -34,7 +34,8 @@ pub struct Inputs {
 
 impl Inputs {
     /// What an unknown state is taken for.
-    pub const SAFE: Self = Self { estop: true, enable: false, reset: false, established: false, manual: true };
+    pub const SAFE: Self =
+        Self { estop: true, enable: false, reset: false, established: false, manual: true };
 }
 
 /// Pins that the torch drives.

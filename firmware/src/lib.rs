@@ -2,8 +2,8 @@
 //!
 //! | priority | what | where |
 //! |---|---|---|
-//! | highest | every 2 ms: read the pins, step the torch, drive the outputs | [`torch::tick`] |
-//! | lower | bytes from and to the host's serial line | [`serial`] |
+//! | highest | bytes from and to the serial lines: microseconds | [`serial`] |
+//! | high | every 2 ms: read the pins, step the torch, drive the outputs | [`torch::tick`] |
 //! | none | decode, answer, feed the watchdog | [`link`], `main` |
 //!
 //! No allocator; nothing waits for a transmitter; `unsafe` only in [`board`]. A panic, a fault and a hang all end in

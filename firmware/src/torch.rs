@@ -1,14 +1,12 @@
 //! What happens every 2 ms: pins in, the pendant stepped, pins out. The pendant lives here.
 
-use core::cell::RefCell;
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
-use critical_section::Mutex;
 use static_cell::ConstStaticCell;
 use weldpath_core::interlock::Motion;
 use weldpath_core::pendant::{Config, Panel, Pendant, Slot};
 
-use crate::board::{Inputs, Outputs};
+use crate::board::{Inputs, Outputs, Shared};
 
 /// Ticks a second: the set-point rate.
 pub const TICK_HZ: u32 = 500;
@@ -18,7 +16,7 @@ pub const RING: usize = 512;
 
 static TICKS: AtomicU32 = AtomicU32::new(0);
 static SLOTS: ConstStaticCell<[Slot; RING]> = ConstStaticCell::new([Slot::EMPTY; RING]);
-static PENDANT: Mutex<RefCell<Option<Lent>>> = Mutex::new(RefCell::new(None));
+static PENDANT: Shared<Option<Lent>> = Shared::new(None);
 
 /// A pendant whose waypoints lie in static memory.
 type Lent = Pendant<RING, &'static mut [Slot]>;
@@ -31,12 +29,12 @@ pub fn install(nonce: u32) {
     let config = Config { tick_us: 1_000_000 / TICK_HZ, ..Config::default() };
     let pendant = Pendant::with_slots(&config, nonce, SLOTS.take().as_mut_slice());
     assert!(pendant.is_some(), "the configuration contradicts itself");
-    critical_section::with(|cs| *PENDANT.borrow_ref_mut(cs) = pendant);
+    PENDANT.with(|installed| *installed = pendant);
 }
 
 /// Uses the pendant while no tick can; none before [`install`].
 pub fn with<T>(use_it: impl FnOnce(&mut Lent) -> T) -> Option<T> {
-    critical_section::with(|cs| PENDANT.borrow_ref_mut(cs).as_mut().map(use_it))
+    PENDANT.with(|pendant| pendant.as_mut().map(use_it))
 }
 
 /// Ticks since the start, wrapping.

@@ -2,10 +2,13 @@
 #![allow(unsafe_code)]
 
 use core::arch::global_asm;
+use core::cell::RefCell;
 use core::mem::MaybeUninit;
 use core::ptr::{addr_of, addr_of_mut};
+use core::sync::atomic::{Ordering::SeqCst, compiler_fence};
 
 use cortex_m::peripheral::SCB;
+use cortex_m::register::basepri;
 
 /// Why the controller started.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, defmt::Format)]
@@ -72,6 +75,38 @@ pub fn reset(cause: ResetCause) -> ! {
     let kept = unsafe { addr_of!(KEPT).cast::<Kept>().read_volatile() };
     keep(Kept { cause: cause as u32, ..kept });
     SCB::sys_reset()
+}
+
+/// Priority of the tick. The serial ports' interrupts are more urgent, for they last microseconds and lose bytes if
+/// they wait, and the tick can wait those microseconds.
+pub const TICK_PRIORITY: u8 = 0x40;
+/// Priority of the serial ports.
+pub const PORT_PRIORITY: u8 = 0x20;
+
+/// What the tick and the main loop share, and no other interrupt: while one uses it the other waits, the ports do not.
+pub struct Shared<T>(RefCell<T>);
+
+// SAFETY: one core; `with` keeps the tick from preempting the main loop, and a third user would fail the borrow.
+unsafe impl<T: Send> Sync for Shared<T> {}
+
+impl<T> Shared<T> {
+    /// Holds a value.
+    pub const fn new(value: T) -> Self {
+        Self(RefCell::new(value))
+    }
+
+    /// Uses the value while no tick can.
+    pub fn with<R>(&self, use_it: impl FnOnce(&mut T) -> R) -> R {
+        let before = basepri::read();
+        // SAFETY: masks the tick and what is less urgent; restored below, and a panic does not come back.
+        unsafe { basepri::write(TICK_PRIORITY) };
+        compiler_fence(SeqCst);
+        let result = use_it(&mut self.0.borrow_mut());
+        compiler_fence(SeqCst);
+        // SAFETY: as it was.
+        unsafe { basepri::write(before) };
+        result
+    }
 }
 
 /// Most of the stack ever used, bytes: the start-up code painted it.

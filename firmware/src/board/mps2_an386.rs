@@ -12,6 +12,7 @@ use cortex_m::peripheral::NVIC;
 use cortex_m_semihosting::syscall;
 use defmt_semihosting as _;
 
+use super::cortex_m4::{PORT_PRIORITY, TICK_PRIORITY};
 use super::{BootRecord, Inputs, Outputs, ResetCause};
 use crate::{serial, torch};
 
@@ -90,14 +91,14 @@ pub fn start(boot: &BootRecord) -> (Watchdog, u32) {
     write(TIMER + 0x4, reload);
     write(TIMER + 0x8, reload);
     write(TIMER, 0b1001);
-    // SAFETY: the handlers above are in place; the tick preempts the ports.
+    // SAFETY: the handlers above are in place.
     unsafe {
         let mut nvic = cortex_m::Peripherals::steal().NVIC;
         for line in [Line::LinkReceive, Line::LinkTransmit, Line::PanelReceive, Line::PanelTransmit] {
-            nvic.set_priority(line, 0x40);
+            nvic.set_priority(line, PORT_PRIORITY);
             NVIC::unmask(line);
         }
-        nvic.set_priority(Line::Timer, 0x00);
+        nvic.set_priority(Line::Timer, TICK_PRIORITY);
         NVIC::unmask(Line::Timer);
     }
     wake_panel();

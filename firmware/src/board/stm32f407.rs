@@ -23,6 +23,7 @@ use stm32f4xx_hal::timer::{CounterHz, Event, Flag};
 use stm32f4xx_hal::watchdog::IndependentWatchdog;
 use stm32f4xx_hal::{ClearFlags, interrupt, pac, prelude::*};
 
+use super::cortex_m4::{PORT_PRIORITY, TICK_PRIORITY};
 use super::{BootRecord, Inputs, Outputs, ResetCause};
 use crate::{serial, torch};
 
@@ -96,10 +97,10 @@ pub fn start(_boot: &BootRecord) -> (Watchdog, u32) {
     critical_section::with(|cs| OWNED.borrow_ref_mut(cs).replace(owned));
     let mut watchdog = IndependentWatchdog::new(device.IWDG);
     watchdog.start(500.millis());
-    // SAFETY: what the handlers use is in place; the tick preempts the port.
+    // SAFETY: what the handlers use is in place.
     unsafe {
-        core.NVIC.set_priority(pac::Interrupt::USART2, 0x40);
-        core.NVIC.set_priority(pac::Interrupt::TIM2, 0x00);
+        core.NVIC.set_priority(pac::Interrupt::USART2, PORT_PRIORITY);
+        core.NVIC.set_priority(pac::Interrupt::TIM2, TICK_PRIORITY);
         pac::NVIC::unmask(pac::Interrupt::USART2);
         pac::NVIC::unmask(pac::Interrupt::TIM2);
     }
