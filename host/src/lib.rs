@@ -6,9 +6,16 @@
 
 pub mod cloud;
 pub mod downsampling;
+pub mod evaluation;
+pub mod export;
 pub mod grid;
+pub mod job;
 pub mod normals;
 pub mod pipeline;
+pub mod postprocessing;
 pub mod reconstruction;
+pub mod scan;
 pub mod seam;
+pub mod selection;
+pub mod simulation;
 pub mod toolpath;

@@ -4,9 +4,25 @@ use crate::cloud::{PointCloud, View};
 use crate::seam::Seam;
 use crate::toolpath::SeamPath;
 
+/// How seams are found.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum Method {
+    /// Everything this crate knows.
+    #[default]
+    Weldpath,
+    /// Eqs. (13)-(17) alone: no gate, no classification, edge points ordered as they come; for comparison.
+    Paper {
+        /// `t` of eq. (16).
+        ratio_threshold: f64,
+    },
+}
+
 /// Settings of every stage, in the order of the stages.
 #[derive(Debug, Clone, Default)]
-pub struct Config {}
+pub struct Config {
+    /// How seams are found.
+    pub method: Method,
+}
 
 /// How one view was registered.
 #[derive(Debug, Clone)]

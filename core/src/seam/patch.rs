@@ -82,11 +82,7 @@ impl<const P: usize, const K: usize> Patch<P, K> {
     /// Score of one point; `None` for an index out of range.
     pub fn score(&self, index: usize, threshold: RatioThreshold) -> Option<EdgeScore> {
         let (near, own) = (self.neighbours.get(index)?, self.gradient.get(index)?);
-        let point = self.points.get(index)?;
-        let neighbours = near.indices.iter().filter_map(|&k| {
-            let k = usize::from(k);
-            Some(((self.points.get(k)? - point).norm_squared(), self.gradient.get(k)?))
-        });
+        let neighbours = near.by_distance().filter_map(|(k, d2)| Some((d2, self.gradient.get(k)?)));
         let tensor = Tensor::smoothed(own, neighbours);
         Some(EdgeScore {
             intensity: *self.intensity.get(index)?,

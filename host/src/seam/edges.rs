@@ -46,6 +46,6 @@ pub fn score(voxels: &Voxels, grid: &Grid, radius_mm: f32) -> Scores {
         scores.concavity[grid.index(slot)] = c;
     }
     let median = crate::normals::median(&mut scores.intensity.clone());
-    scores.gate = (2.5 * median).max(0.10);
+    scores.gate = (1.8 * median).max(0.10);
     scores
 }

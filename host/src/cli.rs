@@ -1,0 +1,86 @@
+//! Command line: subcommands, exit codes, and how a failure is told.
+
+mod evaluate;
+mod plan;
+mod progress;
+mod simulate;
+mod table;
+
+use std::io::Write;
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+const EXIT_CODES: &str = "Exit codes: 0 done; 2 wrong usage or job file; 3 no seam found; 4 input cannot be read; \
+                          5 output cannot be written.";
+
+/// From scans of a workpiece to the motion of a welding torch.
+#[derive(Debug, Parser)]
+#[command(name = "weldpath", version, after_help = EXIT_CODES)]
+pub(crate) struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Plan(plan::Args),
+    Simulate(simulate::Args),
+    Evaluate(evaluate::Args),
+}
+
+/// Runs a subcommand and tells a failure in words on standard error.
+pub(crate) fn run(cli: Cli) -> ExitCode {
+    let result = match &cli.command {
+        Command::Plan(args) => plan::run(args),
+        Command::Simulate(args) => simulate::run(args),
+        Command::Evaluate(args) => evaluate::run(args),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!("error: {}", failure.message);
+            if let Some(hint) = &failure.hint {
+                eprintln!("  hint: {hint}");
+            }
+            ExitCode::from(failure.exit as u8)
+        }
+    }
+}
+
+/// What a script learns from a failure; documented in `docs/formats.md`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Exit {
+    Usage = 2,
+    NoSeam = 3,
+    Input = 4,
+    Output = 5,
+}
+
+/// Why a command did not do its work.
+#[derive(Debug)]
+struct Failure {
+    exit: Exit,
+    message: String,
+    hint: Option<String>,
+}
+
+impl Failure {
+    fn new(exit: Exit, message: impl ToString) -> Self {
+        Self { exit, message: message.to_string(), hint: None }
+    }
+
+    fn hint(self, hint: impl Into<String>) -> Self {
+        Self { hint: Some(hint.into()), ..self }
+    }
+}
+
+/// Prints a result. A reader that has gone away (`| head`) has seen what it wanted.
+fn print(result: &str) -> Result<(), Failure> {
+    match std::io::stdout().write_all(result.as_bytes()) {
+        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
+            Err(Failure::new(Exit::Output, error))
+        }
+        _ => Ok(()),
+    }
+}

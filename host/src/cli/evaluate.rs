@@ -1,0 +1,139 @@
+//! `weldpath evaluate`: a plan against the truth, as the paper's section III measures it.
+
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use serde::Serialize;
+use weldpath::evaluation::{self, Error, F1, Options, PathSet, Score, Target, Truth, f1, score};
+use weldpath::job::Job;
+use weldpath::job::quantity::StandoffMm;
+
+use super::{Exit, Failure, print};
+
+/// Cell of the rasters on which F1 is counted, as the paper's 2 mm.
+const CELL_MM: f64 = 2.0;
+
+/// Score a plan against the truth, or against a path that was taught
+#[derive(Debug, clap::Args)]
+pub(super) struct Args {
+    /// Folder that `weldpath plan` wrote, or a path.csv
+    dir: PathBuf,
+    /// truth.json of a simulated scan, or a taught path as CSV
+    #[arg(long, value_name = "FILE")]
+    truth: PathBuf,
+    /// Which line of a groove the path should follow
+    #[arg(long, default_value = "apex", value_parser = PossibleValuesParser::new(["apex", "root"]).map(target))]
+    target: Target,
+    /// How far the path was held off the seam [default: as DIR/job.toml says]
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
+    standoff_mm: Option<StandoffMm>,
+    /// Print the scores as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+fn target(name: String) -> Target {
+    if name == "root" { Target::Root } else { Target::Apex }
+}
+
+/// Everything that is printed.
+#[derive(Debug, Serialize)]
+struct Evaluation {
+    #[serde(flatten)]
+    score: Score,
+    /// Path points against the visible stations of the truth.
+    f1: Option<F1>,
+    /// Per view, as `summary.json` has them; empty without one.
+    fitness: Vec<Fitness>,
+}
+
+#[derive(Debug, Serialize)]
+struct Fitness {
+    view: String,
+    before: f64,
+    after: f64,
+}
+
+pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    let csv = if args.dir.is_dir() { args.dir.join("path.csv") } else { args.dir.clone() };
+    let paths = PathSet::read(&csv).map_err(not_read)?;
+    let truth = Truth::read(&args.truth).map_err(not_read)?;
+    let options = Options { target: args.target, standoff_mm: standoff_mm(args)?, ..Options::default() };
+    let points: Vec<[f64; 3]> = paths.points_mm.iter().map(|&p| p.into()).collect();
+    let evaluation = Evaluation {
+        score: score(&paths, &truth, &options),
+        f1: f1(&points, &truth.visible_mm(args.target), CELL_MM),
+        fitness: fitness(&args.dir),
+    };
+    let json = || serde_json::to_string_pretty(&evaluation).map(|text| text + "\n").unwrap_or_default();
+    print(&if args.json { json() } else { table(&evaluation) })
+}
+
+fn standoff_mm(args: &Args) -> Result<f64, Failure> {
+    let file = args.dir.join("job.toml");
+    match (args.standoff_mm, file.is_file()) {
+        (Some(given), _) => Ok(given.get()),
+        (None, true) => {
+            let job = Job::read(&file).map_err(|e| Failure::new(Exit::Input, &e).hint(e.hint()))?;
+            Ok(job.path.standoff_mm.get())
+        }
+        (None, false) => Ok(0.0),
+    }
+}
+
+/// Fitness per view from the plan's summary; a lone path has none.
+fn fitness(dir: &Path) -> Vec<Fitness> {
+    let text = std::fs::read_to_string(dir.join("summary.json")).unwrap_or_default();
+    let summary: serde_json::Value = serde_json::from_str(&text).unwrap_or_default();
+    let view = |view: &serde_json::Value| {
+        Some(Fitness {
+            view: view["name"].as_str()?.to_owned(),
+            before: view["fitness_before"].as_f64()?,
+            after: view["fitness_after"].as_f64()?,
+        })
+    };
+    summary["views"].as_array().into_iter().flatten().filter_map(view).collect()
+}
+
+fn table(evaluation: &Evaluation) -> String {
+    let score = &evaluation.score;
+    let mut text = String::new();
+    let mut line = |name: &str, value: String| {
+        // Writing to a String cannot fail.
+        let _ = writeln!(text, "{name:<22} {value}");
+    };
+    line("position RMSE", format!("{} mm, 95 % below {} mm", number(score.rmse_mm), number(score.p95_mm)));
+    line("orientation RMSE", format!("{} deg", number(score.rmse_deg)));
+    line("coverage", format!("{:.1} % of the visible required seams", 100.0 * score.coverage));
+    line("false path points", format!("{:.1} % of {}", 100.0 * score.false_share, score.points));
+    if let Some(f1) = &evaluation.f1 {
+        line(
+            "F1 on three rasters",
+            format!("{:.3} (recall {:.3}, precision {:.3})", f1.dice, f1.recall, f1.precision),
+        );
+    }
+    for fitness in &evaluation.fitness {
+        line(&format!("fitness {}", fitness.view), format!("{:.3} -> {:.3}", fitness.before, fitness.after));
+    }
+    for (name, seam) in &score.seams {
+        let covered = seam.coverage.map_or("-".to_owned(), |share| format!("{:.1} %", 100.0 * share));
+        line(
+            &format!("seam {name}"),
+            format!("{} mm, {} deg, covered {covered}", number(seam.rmse_mm), number(seam.rmse_deg)),
+        );
+    }
+    text
+}
+
+fn number(value: Option<f64>) -> String {
+    value.map_or("-".to_owned(), |value| format!("{value:.3}"))
+}
+
+fn not_read(error: evaluation::Error) -> Failure {
+    let failure = Failure::new(Exit::Input, &error);
+    match error {
+        Error::Read { .. } => failure.hint("give the folder that `weldpath plan` wrote, and --truth a file"),
+        Error::Malformed { .. } => failure,
+    }
+}

@@ -1,0 +1,187 @@
+//! `weldpath plan`: one cloud or scan in, the seams' paths and a robot program out.
+
+use std::path::{Path, PathBuf};
+
+use weldpath::export::directory::{self, File};
+use weldpath::export::summary::Source;
+use weldpath::job::quantity::{
+    ApproachMm, FeedMmS, Output, Place, Points, RatioThreshold, Region, SpacingMm, StandoffMm,
+};
+use weldpath::job::{Job, Method, Units};
+use weldpath::pipeline::{self, Observer, Plan};
+use weldpath::postprocessing::postprocess;
+use weldpath::{scan, selection};
+
+use super::progress::Progress;
+use super::{Exit, Failure, print, table};
+
+/// Plan the torch paths of all seams in a scan
+///
+/// INPUT is a folder with scan.json (depth images or clouds with robot poses), or one cloud or mesh: PLY, PCD, XYZ,
+/// CSV, STL, OBJ. No option is needed: what depends on the data is derived from it and printed.
+#[derive(Debug, clap::Args)]
+pub(super) struct Args {
+    /// Folder with scan.json, or one cloud or mesh
+    #[arg(required_unless_present = "job")]
+    input: Option<PathBuf>,
+    /// Folder for the results; files there are replaced all at once or not at all
+    #[arg(long, value_name = "DIR", default_value = "out")]
+    out: PathBuf,
+    /// Settings from a file, as every run writes one to DIR/job.toml; options override it
+    #[arg(long, value_name = "FILE")]
+    job: Option<PathBuf>,
+    /// Unit of the input, where the file does not say it [default: auto]
+    #[arg(long)]
+    units: Option<Units>,
+    /// Hold the tip this far off the seam, along the torch axis [default: 0]
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
+    standoff_mm: Option<StandoffMm>,
+    /// Spacing of the waypoints; corners and ends are always waypoints [default: 2]
+    #[arg(long, value_name = "MM", conflicts_with = "points", allow_negative_numbers = true)]
+    spacing_mm: Option<SpacingMm>,
+    /// Waypoints of each seam, instead of a spacing
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    points: Option<Points>,
+    /// Weld speed [default: 8]
+    #[arg(long, value_name = "MM_S", allow_negative_numbers = true)]
+    feed_mm_s: Option<FeedMmS>,
+    /// Distance of approach and retract from the seam [default: 50]
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
+    approach_mm: Option<ApproachMm>,
+    /// Weld this seam only; may be given several times
+    #[arg(long, value_name = "ID")]
+    seam: Vec<usize>,
+    /// Weld the one seam nearest to this place, mm, base frame
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
+    near: Option<Place>,
+    /// Weld the seams that lie in this box by half or more, mm, base frame
+    #[arg(long, value_name = "X,Y,Z..X,Y,Z", allow_hyphen_values = true)]
+    roi: Option<Region>,
+    /// How seams are found; the paper's way is for comparison [default: weldpath]
+    #[arg(long)]
+    method: Option<Method>,
+    /// Threshold of the paper's way, eq. (16) [default: 53]
+    #[arg(long, value_name = "T", allow_negative_numbers = true)]
+    t: Option<RatioThreshold>,
+    /// Digital output that starts the arc [default: 0]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    arc_output: Option<Output>,
+    /// Print nothing but errors
+    #[arg(long, short)]
+    quiet: bool,
+    /// Print summary.json instead of the table
+    #[arg(long, conflicts_with = "quiet")]
+    json: bool,
+    /// Keep the cloud after every stage in DIR/stages
+    #[arg(long)]
+    dump_stages: bool,
+}
+
+pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    let job = job(args)?;
+    directory::check(&args.out).map_err(not_written)?;
+    let mut progress = Progress::new(args.quiet, args.dump_stages);
+    let result = plan(&job, &mut progress);
+    let stages = progress.finish();
+    let (plan, source) = match result {
+        Ok(planned) => planned,
+        Err(failure) => return keep_stages(&args.out, &stages).and(Err(failure)),
+    };
+    let mut output = postprocess(&plan, &job, source.clone()).map_err(not_selected)?;
+    output.files.extend(stages);
+    directory::write(&args.out, &output.files).map_err(not_written)?;
+    match (args.quiet, args.json) {
+        (true, _) => Ok(()),
+        (_, true) => print(&output.summary.to_json()),
+        _ => print(&table::result(&plan, &output, &source, &args.out)),
+    }
+}
+
+/// The job file, if there is one, with the command line on top.
+fn job(args: &Args) -> Result<Job, Failure> {
+    let mut job = match &args.job {
+        Some(path) => {
+            Job::read(path).map_err(|error| Failure::new(Exit::Usage, &error).hint(error.hint()))?
+        }
+        None => Job::default(),
+    };
+    replace(&mut job.units, args.units);
+    replace(&mut job.method, args.method);
+    job.ratio_threshold = args.t.or(job.ratio_threshold);
+    replace(&mut job.path.standoff_mm, args.standoff_mm);
+    replace(&mut job.path.feed_mm_s, args.feed_mm_s);
+    replace(&mut job.path.approach_mm, args.approach_mm);
+    replace(&mut job.arc.output, args.arc_output);
+    job.selection.near_mm = args.near.or(job.selection.near_mm);
+    job.selection.roi_mm = args.roi.or(job.selection.roi_mm);
+    if !args.seam.is_empty() {
+        job.selection.seams.clone_from(&args.seam);
+    }
+    if args.spacing_mm.is_some() || args.points.is_some() {
+        (job.path.spacing_mm, job.path.points) = (args.spacing_mm, args.points);
+    }
+    job.input = Some(input(args, &job)?);
+    if job.ratio_threshold.is_some() && job.method == Method::Weldpath {
+        let failure = Failure::new(Exit::Usage, "--t is the threshold of the paper's method only");
+        return Err(
+            failure.hint("add --method paper, or leave --t out: the threshold is found from the data")
+        );
+    }
+    Ok(job)
+}
+
+fn replace<T: Copy>(setting: &mut T, given: Option<T>) {
+    *setting = given.unwrap_or(*setting);
+}
+
+/// Absolute, so that the written job replays from anywhere.
+fn input(args: &Args, job: &Job) -> Result<PathBuf, Failure> {
+    let hint = "name a folder with scan.json, or a cloud; `weldpath simulate --help` makes one to try";
+    let path = args.input.as_ref().or(job.input.as_ref());
+    let path = path.ok_or_else(|| {
+        Failure::new(Exit::Usage, "neither INPUT nor the job file says what to plan").hint(hint)
+    })?;
+    let missing =
+        |error| Failure::new(Exit::Input, format!("cannot read {}: {error}", path.display())).hint(hint);
+    std::fs::canonicalize(path).map_err(missing)
+}
+
+fn plan(job: &Job, progress: &mut Progress) -> Result<(Plan, Source), Failure> {
+    progress.stage("scan");
+    let input = job.input.as_deref().unwrap_or(Path::new("."));
+    let scan = scan::read(input, &scan::Options { units: units(job.units) })
+        .map_err(|error| Failure::new(Exit::Input, error))?;
+    let mut plan = pipeline::plan(&scan.views, &job.pipeline(), progress).map_err(not_planned)?;
+    plan.warnings.splice(0..0, scan.warnings);
+    let inputs = scan.inputs.iter().map(|path| path.display().to_string()).collect();
+    Ok((plan, Source { inputs, notes: scan.notes }))
+}
+
+fn units(units: Units) -> scan::Units {
+    match units {
+        Units::M => scan::Units::Metres,
+        Units::Mm => scan::Units::Millimetres,
+        Units::Auto => scan::Units::Auto,
+    }
+}
+
+/// What led to no plan is what one wants to look at most.
+fn keep_stages(out: &Path, stages: &[File]) -> Result<(), Failure> {
+    if stages.is_empty() { Ok(()) } else { directory::write(out, stages).map_err(not_written) }
+}
+
+fn not_planned(error: pipeline::Error) -> Failure {
+    Failure::new(Exit::NoSeam, error).hint("--dump-stages keeps the cloud after every stage, to look at")
+}
+
+fn not_selected(error: selection::Error) -> Failure {
+    let exit = match error {
+        selection::Error::UnknownId { .. } => Exit::Usage,
+        selection::Error::OutsideRegion { .. } => Exit::NoSeam,
+    };
+    Failure::new(exit, error).hint("run once without --seam, --near and --roi to see all seams")
+}
+
+fn not_written(error: directory::Error) -> Failure {
+    Failure::new(Exit::Output, error).hint("choose another folder with --out")
+}

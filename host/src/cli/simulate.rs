@@ -1,0 +1,106 @@
+//! `weldpath simulate`: a scan with exact truth, so that nobody needs a robot to try.
+
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use weldpath::simulation::{self, Error, Format, Noise, Part, Pose, Request};
+
+use super::{Exit, Failure, print};
+
+/// Simulate a multi-view scan of a workpiece, with its exact truth
+#[derive(Debug, clap::Args)]
+pub(super) struct Args {
+    /// fillet, lap, round-lap, corner, pipe, butt-v, saddle, branch, tacked, scurve, cruciform, plate or box
+    #[arg(long)]
+    part: Part,
+    /// Folder for scan.json, the views and truth.json
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Number of views [default: as many as the part needs]
+    #[arg(long, value_name = "N")]
+    views: Option<usize>,
+    /// none, low, mid or high
+    #[arg(long, default_value_t = Noise::Mid)]
+    noise: Noise,
+    /// Sizes, places and noise follow from it
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// How the part lies: flat, tilted, horizontal or vertical
+    #[arg(long, default_value_t = Pose::Flat)]
+    pose: Pose,
+    /// How views are stored: png (16-bit depth) or ply
+    #[arg(long, default_value_t = Format::Png)]
+    format: Format,
+    /// Size of a depth image
+    #[arg(long, value_name = "WxH", default_value = "640x480")]
+    size: Size,
+    /// Included angle of a groove, or between plate and web
+    #[arg(long, value_name = "DEG")]
+    angle_deg: Option<f64>,
+    /// Length of a straight seam
+    #[arg(long, value_name = "MM")]
+    length_mm: Option<f64>,
+    /// Scan badly on purpose: views that share too little; branch and tacked only
+    #[arg(long)]
+    weak: bool,
+    /// Print nothing but errors
+    #[arg(long, short)]
+    quiet: bool,
+}
+
+/// Columns and rows of an image.
+#[derive(Debug, Clone, Copy)]
+struct Size {
+    width: u32,
+    height: u32,
+}
+
+impl FromStr for Size {
+    type Err = String;
+    fn from_str(text: &str) -> Result<Self, String> {
+        let wrong = || format!("{text:?} is not a size; write it as 640x480");
+        let (width, height) = text.split_once('x').ok_or_else(wrong)?;
+        let number = |text: &str| text.parse().map_err(|_| wrong());
+        Ok(Self { width: number(width)?, height: number(height)? })
+    }
+}
+
+pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    keep_real_scans(args)?;
+    let scan = simulation::simulate(&request(args)).map_err(failure)?;
+    simulation::write(&scan, &args.out).map_err(failure)?;
+    let (out, views, seams) = (args.out.display(), scan.views.len(), scan.truth.seams.len());
+    let text = format!("{out}: {views} views, {seams} seams in truth.json\nnext: weldpath plan {out}\n");
+    if args.quiet { Ok(()) } else { print(&text) }
+}
+
+fn request(args: &Args) -> Request {
+    Request {
+        part: args.part,
+        pose: args.pose,
+        views: args.views,
+        noise: args.noise,
+        seed: args.seed,
+        width: args.size.width,
+        height: args.size.height,
+        weak: args.weak,
+        format: args.format,
+        angle_deg: args.angle_deg,
+        length_mm: args.length_mm,
+    }
+}
+
+/// A scan without truth beside it was not simulated, and cannot be had again.
+fn keep_real_scans(args: &Args) -> Result<(), Failure> {
+    if args.out.join("scan.json").exists() && !args.out.join("truth.json").exists() {
+        let message =
+            format!("{} holds a scan that was not simulated; it is left as it is", args.out.display());
+        return Err(Failure::new(Exit::Output, message).hint("choose another folder with --out"));
+    }
+    Ok(())
+}
+
+fn failure(error: Error) -> Failure {
+    let exit = if matches!(error, Error::Write { .. }) { Exit::Output } else { Exit::Usage };
+    Failure::new(exit, error)
+}

@@ -1,0 +1,132 @@
+//! The result of a plan, for people.
+
+use std::fmt::Write;
+use std::path::Path;
+
+use weldpath::export::summary::Source;
+use weldpath::pipeline::{Plan, ViewReport};
+use weldpath::postprocessing::Output;
+use weldpath::seam::Seam;
+
+/// Seams, what was derived, warnings, and where the files are.
+pub(super) fn result(plan: &Plan, output: &Output, source: &Source, out: &Path) -> String {
+    let mut text = format!(
+        "{:>4}  {:<8} {:>10} {:>7} {:>11}  {}\n",
+        "seam", "joint", "length", "points", "confidence", "expected error"
+    );
+    for seam in &plan.seams {
+        text.push_str(&row(seam, output));
+    }
+    for note in &source.notes {
+        line(&mut text, note);
+    }
+    for derived in &plan.derived {
+        line(&mut text, &format!("{} = {} ({})", derived.name, significant(derived.value), derived.how));
+    }
+    plan.views.iter().for_each(|view| line(&mut text, &registration(view)));
+    let seams =
+        plan.seams.iter().flat_map(|seam| seam.warnings.iter().map(|w| format!("seam {}: {w}", seam.id)));
+    for warning in output.summary.warnings().iter().cloned().chain(seams) {
+        line(&mut text, &format!("warning: {warning}"));
+    }
+    let names: Vec<&str> = output.files.iter().map(|file| file.name.as_str()).collect();
+    line(&mut text, &format!("{}: {}", out.display(), names.join(", ")));
+    text
+}
+
+fn line(text: &mut String, line: &str) {
+    text.push_str(line);
+    text.push('\n');
+}
+
+fn row(seam: &Seam, output: &Output) -> String {
+    let points = output.paths.iter().find(|path| path.seam == seam.id).map(|path| path.points.len());
+    let mut row = String::new();
+    // Writing to a String cannot fail.
+    let _ = writeln!(
+        row,
+        "{:>4}  {:<8} {:>7.1} mm {:>7} {:>10.0}%  {} mm, {} deg",
+        seam.id,
+        seam.joint.name(),
+        seam.length_mm(),
+        points.map_or("-".to_owned(), |n| n.to_string()),
+        100.0 * seam.confidence,
+        significant(seam.expected_error_mm),
+        significant(seam.expected_error_deg)
+    );
+    row
+}
+
+fn registration(view: &ViewReport) -> String {
+    format!(
+        "view {}: fitness {:.2} -> {:.2}, moved {} mm and {} deg",
+        view.name,
+        view.fitness_before,
+        view.fitness_after,
+        significant(view.moved_mm),
+        significant(view.moved_deg)
+    )
+}
+
+/// Two decimals below ten, none from a hundred on.
+fn significant(value: f64) -> String {
+    match value.abs() {
+        small if small < 10.0 => format!("{value:.2}"),
+        medium if medium < 100.0 => format!("{value:.1}"),
+        _ => format!("{value:.0}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Point3, UnitQuaternion, Vector3};
+    use weldpath::cloud::PointCloud;
+    use weldpath::job::Job;
+    use weldpath::pipeline::Derived;
+    use weldpath::postprocessing::postprocess;
+    use weldpath::seam::{Joint, Station};
+    use weldpath::toolpath::{PathPoint, SeamPath};
+
+    fn plan() -> Plan {
+        let at = |x| Point3::new(x, 0.0, 0.0);
+        let station = |x| Station { position_mm: at(x), tangent: Vector3::x(), faces: [Vector3::z(); 2] };
+        let seam = Seam {
+            id: 1,
+            joint: Joint::ButtV,
+            reason: "by hand".into(),
+            stations: vec![station(0.0), station(500.0)],
+            closed: false,
+            confidence: 0.934,
+            expected_error_mm: 0.08,
+            expected_error_deg: 0.5,
+            warnings: vec!["the last 20 mm were seen by one view only".into()],
+        };
+        let base_from_torch = UnitQuaternion::identity();
+        let points =
+            [0.0, 500.0].map(|x| PathPoint { s_mm: x, position_mm: at(x), base_from_torch }).to_vec();
+        Plan {
+            model: PointCloud::default(),
+            seams: vec![seam],
+            paths: vec![SeamPath { seam: 1, points }],
+            views: vec![],
+            derived: vec![Derived { name: "voxel_mm", value: 0.8, how: "twice the mean spacing" }],
+            stage_s: vec![],
+            warnings: vec!["view 3 overlaps too little".into()],
+        }
+    }
+
+    #[test]
+    fn the_result_names_seams_parameters_warnings_and_files() {
+        let source = Source { inputs: vec![], notes: vec!["units: metres".into()] };
+        let output = postprocess(&plan(), &Job::default(), source.clone()).unwrap();
+        let text = result(&plan(), &output, &source, Path::new("out"));
+        let lines: Vec<&str> = text.lines().collect();
+        let row: Vec<&str> = lines[1].split_whitespace().collect();
+        assert_eq!(row, ["1", "butt-v", "500.0", "mm", "251", "93%", "0.08", "mm,", "0.50", "deg"]);
+        assert_eq!(lines[2..4], ["units: metres", "voxel_mm = 0.80 (twice the mean spacing)"]);
+        assert_eq!(lines[4], "warning: view 3 overlaps too little");
+        assert!(lines.contains(&"warning: seam 1: the last 20 mm were seen by one view only"));
+        assert!(lines[lines.len() - 1].starts_with("out: path.csv, path.json, path.script, model.ply"));
+    }
+}

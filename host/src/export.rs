@@ -1,0 +1,8 @@
+//! What a run leaves behind: one file per format, written whole or not at all. Formats: `docs/formats.md`.
+
+pub mod csv;
+pub mod directory;
+pub mod json;
+pub mod ply;
+pub mod summary;
+pub mod urscript;

@@ -1,0 +1,271 @@
+//! `path.script`: the program in URScript, for Universal Robots controllers.
+//!
+//! The dialect's rules: metres and rotation vectors; tool z points into the work, so the torch frame is turned half
+//! round `m`; blend radii stay below half of the shorter neighbouring segment, and 0 ends every seam; a rotation
+//! vector is the representative nearest to the one before, so that component-wise readers see no jump.
+
+use std::fmt::Write;
+
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+
+use crate::toolpath::program::{Kind, Waypoint};
+
+/// Share of the shorter neighbouring segment that a blend may use; at one half the controller reports an overlap.
+const BLEND_SHARE: f64 = 0.4;
+/// How far a blend may leave a corner, mm.
+const BLEND_DEVIATION_MM: f64 = 0.1;
+/// Longest blend radius, mm.
+const BLEND_LIMIT_MM: f64 = 5.0;
+/// Acceleration of every straight move, m/s².
+const ACCELERATION_M_S2: f64 = 0.5;
+
+/// What the controller has to know about the tool.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Tool {
+    /// Tip of the wire in the flange's frame, mm.
+    pub flange_from_tcp_mm: [f64; 3],
+    /// Rotation vector of the same transform, rad; z points out of the torch, into the work.
+    pub flange_from_tcp_rotation_rad: [f64; 3],
+    /// Mass at the flange, kg.
+    pub payload_kg: f64,
+    /// Centre of that mass in the flange's frame, mm.
+    pub payload_centre_mm: [f64; 3],
+}
+
+/// How the arc is switched.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Arc {
+    /// Digital output that starts the power source.
+    pub output: u8,
+    /// Digital output of the gas valve, where the power source does not open it itself.
+    pub gas_output: Option<u8>,
+    /// Digital input that is high while the arc burns, where there is one.
+    pub established_input: Option<u8>,
+    /// Gas before the arc, s.
+    pub gas_preflow_s: f64,
+    /// Time for the arc to establish: waited out, or, with an input, the time-out, s.
+    pub strike_s: f64,
+    /// Standing still at the end to fill the crater, s.
+    pub crater_s: f64,
+    /// Gas after the arc, s.
+    pub gas_postflow_s: f64,
+}
+
+/// Everything the script needs beside the waypoints.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Settings {
+    /// None leaves what is set on the controller.
+    pub tool: Option<Tool>,
+    /// How the arc is switched.
+    pub arc: Arc,
+}
+
+/// The whole script: one function, `weldpath`.
+pub fn write(waypoints: &[Waypoint], settings: &Settings) -> String {
+    let mut script = Script { text: String::new(), previous_rad: None };
+    script.text.push_str("def weldpath():\n");
+    script.line("# weldpath: robot base frame, metres, rotation vectors; tool z points into the work.");
+    script.setup(settings);
+    for (i, waypoint) in waypoints.iter().enumerate() {
+        let before = i.checked_sub(1).and_then(|i| waypoints.get(i));
+        script.waypoint(before, waypoint, waypoints.get(i + 1), &settings.arc);
+    }
+    script.text.push_str("end\n");
+    script.text
+}
+
+struct Script {
+    text: String,
+    previous_rad: Option<Vector3<f64>>,
+}
+
+impl Script {
+    fn line(&mut self, line: impl std::fmt::Display) {
+        // Writing to a String cannot fail.
+        let _ = writeln!(self.text, "  {line}");
+    }
+
+    fn setup(&mut self, settings: &Settings) {
+        match &settings.tool {
+            Some(tool) => {
+                let [x, y, z] = tool.flange_from_tcp_mm.map(metres);
+                let [rx, ry, rz] = tool.flange_from_tcp_rotation_rad.map(decimal);
+                self.line(format_args!("set_tcp(p[{x}, {y}, {z}, {rx}, {ry}, {rz}])"));
+                let [x, y, z] = tool.payload_centre_mm.map(metres);
+                self.line(format_args!("set_payload({}, [{x}, {y}, {z}])", tool.payload_kg));
+            }
+            None => self.line("# TCP and payload: as set on the controller; the job file has no [tool]."),
+        }
+        self.switch(Some(settings.arc.output), false);
+        self.switch(settings.arc.gas_output, false);
+    }
+
+    /// One waypoint with what happens before and after its move.
+    fn waypoint(&mut self, before: Option<&Waypoint>, here: &Waypoint, after: Option<&Waypoint>, arc: &Arc) {
+        let welds = |other: Option<&Waypoint>| other.is_some_and(|o| o.weld && o.seam == here.seam);
+        let pose = self.pose(here);
+        match here.kind {
+            Kind::Weld if welds(before) => {
+                let blend_mm = if welds(after) { blend_mm(before, here, after) } else { 0.0 };
+                self.line(format_args!(
+                    "movep({pose}, a={ACCELERATION_M_S2}, v={}, r={})",
+                    metres(here.feed_mm_s),
+                    metres((blend_mm * 1e3).floor() / 1e3)
+                ));
+                if !welds(after) {
+                    self.arc_off(arc);
+                }
+            }
+            _ if before.is_none() => self.line(format_args!("movej({pose}, a=0.5, v=0.25)")),
+            _ => {
+                let speed = metres(here.feed_mm_s);
+                self.line(format_args!("movel({pose}, a={ACCELERATION_M_S2}, v={speed})"));
+            }
+        }
+        match here.kind {
+            Kind::Approach => self.gas_on(here.seam, arc),
+            Kind::Weld if !welds(before) => self.arc_on(arc),
+            _ => {}
+        }
+    }
+
+    fn gas_on(&mut self, seam: Option<usize>, arc: &Arc) {
+        if let Some(seam) = seam {
+            self.line(format_args!("# seam {seam}"));
+        }
+        self.switch(arc.gas_output, true);
+    }
+
+    /// Standing at the start of the seam: gas flows first, then the arc is struck and waited for.
+    fn arc_on(&mut self, arc: &Arc) {
+        if arc.gas_output.is_some() {
+            self.sleep(arc.gas_preflow_s);
+        }
+        self.switch(Some(arc.output), true);
+        // Without a valve of ours the power source opens its own when it is started.
+        let own_preflow_s = if arc.gas_output.is_none() { arc.gas_preflow_s } else { 0.0 };
+        match arc.established_input {
+            Some(input) => self.wait_for(input, arc.strike_s + own_preflow_s, arc),
+            None => self.sleep(arc.strike_s + own_preflow_s),
+        }
+    }
+
+    fn wait_for(&mut self, input: u8, timeout_s: f64, arc: &Arc) {
+        self.line("waited_s = 0.0");
+        self.line(format_args!("while (get_standard_digital_in({input}) == False):"));
+        self.line("  sleep(0.01)");
+        self.line("  waited_s = waited_s + 0.01");
+        self.line(format_args!("  if (waited_s > {timeout_s}):"));
+        for output in [Some(arc.output), arc.gas_output].into_iter().flatten() {
+            self.line(format_args!("    set_standard_digital_out({output}, False)"));
+        }
+        self.line("    popup(\"The arc did not establish.\", title=\"weldpath\", error=True, blocking=True)");
+        self.line("    halt");
+        self.line("  end");
+        self.line("end");
+    }
+
+    fn arc_off(&mut self, arc: &Arc) {
+        self.sleep(arc.crater_s);
+        self.switch(Some(arc.output), false);
+        self.sleep(arc.gas_postflow_s);
+        self.switch(arc.gas_output, false);
+    }
+
+    fn switch(&mut self, output: Option<u8>, on: bool) {
+        if let Some(output) = output {
+            let state = if on { "True" } else { "False" };
+            self.line(format_args!("set_standard_digital_out({output}, {state})"));
+        }
+    }
+
+    fn sleep(&mut self, time_s: f64) {
+        if time_s > 0.0 {
+            self.line(format_args!("sleep({time_s})"));
+        }
+    }
+
+    fn pose(&mut self, waypoint: &Waypoint) -> String {
+        let rotation_rad = rotation_vector(&into_work(&waypoint.base_from_torch), self.previous_rad);
+        self.previous_rad = Some(rotation_rad);
+        let [x, y, z] = <[f64; 3]>::from(waypoint.position_mm.coords).map(metres);
+        let [rx, ry, rz] = <[f64; 3]>::from(rotation_rad).map(decimal);
+        format!("p[{x}, {y}, {z}, {rx}, {ry}, {rz}]")
+    }
+}
+
+/// `R Rot(m, 180°)`: columns `(-o, m, -n)`, so that z points into the work.
+fn into_work(base_from_torch: &UnitQuaternion<f64>) -> UnitQuaternion<f64> {
+    base_from_torch * UnitQuaternion::new_unchecked(Quaternion::new(0.0, 0.0, 1.0, 0.0))
+}
+
+/// Of the vectors of one rotation, `(angle + 2πk) axis`, the one nearest to `previous_rad`; else the shortest.
+fn rotation_vector(q: &UnitQuaternion<f64>, previous_rad: Option<Vector3<f64>>) -> Vector3<f64> {
+    let shortest = q.scaled_axis();
+    let Some(previous) = previous_rad else { return shortest };
+    // The identity has every axis: it continues the previous one.
+    let axis = shortest.try_normalize(1e-9).or_else(|| previous.try_normalize(1e-9));
+    let Some(axis) = axis else { return shortest };
+    let turns = ((previous.dot(&axis) - shortest.dot(&axis)) / std::f64::consts::TAU).round();
+    shortest + axis * (turns * std::f64::consts::TAU)
+}
+
+/// Largest blend radius that neither overlaps its neighbours nor leaves a corner by more than
+/// [`BLEND_DEVIATION_MM`]: a parabola that starts `r` before a turn by `φ` passes it at `r/2 sin(φ/2)`.
+fn blend_mm(before: Option<&Waypoint>, here: &Waypoint, after: Option<&Waypoint>) -> f64 {
+    let (Some(before), Some(after)) = (before, after) else { return 0.0 };
+    let into = here.position_mm - before.position_mm;
+    let out = after.position_mm - here.position_mm;
+    let half_turn = (0.5 * into.angle(&out)).sin().max(1e-9);
+    (BLEND_SHARE * into.norm().min(out.norm())).min(2.0 * BLEND_DEVIATION_MM / half_turn).min(BLEND_LIMIT_MM)
+}
+
+/// A length in mm as metres, to 10 nm.
+fn metres(length_mm: f64) -> String {
+    decimal(length_mm / 1e3)
+}
+
+/// Eight decimals, without a minus before zero.
+fn decimal(value: f64) -> String {
+    format!("{:.8}", (value * 1e8).round() / 1e8 + 0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::f64::consts::{PI, TAU};
+
+    #[test]
+    fn a_rotation_vector_is_the_same_rotation_and_near_its_predecessor() {
+        let axis = Vector3::new(0.3, -0.5, 0.9).normalize();
+        let mut previous = None;
+        for i in 0..200 {
+            let q = UnitQuaternion::from_scaled_axis(axis * (0.05 * f64::from(i)));
+            let v = rotation_vector(&q, previous);
+            assert!(UnitQuaternion::from_scaled_axis(v).angle_to(&q) < 1e-6);
+            if let Some(previous) = previous {
+                let step: Vector3<f64> = v - previous;
+                assert!(step.norm() < 0.051, "step {i} jumps by {}", step.norm());
+            }
+            previous = Some(v);
+        }
+        assert!(previous.unwrap().norm() > TAU, "wound on, not wrapped");
+    }
+
+    #[test]
+    fn half_a_turn_does_not_flip_its_axis() {
+        let about = |angle| UnitQuaternion::from_scaled_axis(Vector3::x() * angle);
+        let before = rotation_vector(&about(PI - 0.01), None);
+        let after = rotation_vector(&about(PI + 0.01), Some(before));
+        assert!((after - Vector3::x() * (PI + 0.01)).norm() < 1e-9);
+    }
+
+    #[test]
+    fn the_tool_points_into_the_work_along_the_same_travel() {
+        let torch = UnitQuaternion::from_euler_angles(0.4, -1.1, 2.0);
+        let tool = into_work(&torch);
+        assert!((tool * Vector3::z() + torch * Vector3::z()).norm() < 1e-12);
+        assert!((tool * Vector3::y() - torch * Vector3::y()).norm() < 1e-12);
+        assert!((tool * Vector3::x() + torch * Vector3::x()).norm() < 1e-12);
+    }
+}

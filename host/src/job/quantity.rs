@@ -1,0 +1,283 @@
+//! Numbers with a unit and a range, the same for the job file and the command line.
+
+use std::str::FromStr;
+
+use nalgebra::Point3;
+use serde::{Deserialize, Serialize};
+
+/// Range of a number: which values make sense to a robot, and which are surely a slip of unit or key.
+struct Range {
+    least: f64,
+    most: f64,
+    unit: &'static str,
+    whole: bool,
+}
+
+impl Range {
+    fn check(&self, value: f64) -> Result<f64, String> {
+        let Self { least, most, unit, .. } = self;
+        if !value.is_finite() {
+            return Err(format!("{value} is not a number to work with; give {least} to {most}{unit}"));
+        }
+        if self.whole && value.fract() != 0.0 {
+            return Err(format!("{value} is not a whole number; give {least} to {most}{unit}"));
+        }
+        if value < *least {
+            return Err(format!("{value}{unit} is too little: at least {least}{unit}, at most {most}{unit}"));
+        }
+        if value > *most {
+            return Err(format!("{value}{unit} is too much: at most {most}{unit}, at least {least}{unit}"));
+        }
+        Ok(value)
+    }
+}
+
+fn number(text: &str) -> Result<f64, String> {
+    text.trim().parse().map_err(|_| format!("{text:?} is not a number"))
+}
+
+macro_rules! quantity {
+    ($(#[$doc:meta])* $name:ident, $least:literal to $most:literal $unit:literal $(, default $default:literal)?) => {
+        quantity!(@ $(#[$doc])* $name, f64, $least, $most, $unit, false $(, $default)?);
+    };
+    ($(#[$doc:meta])* $name:ident, whole $least:literal to $most:literal $(, default $default:literal)?) => {
+        quantity!(@ $(#[$doc])* $name, u32, $least, $most, "", true $(, $default)?);
+    };
+    (@ $(#[$doc:meta])* $name:ident, $number:ident, $least:literal, $most:literal, $unit:literal, $whole:literal
+        $(, $default:literal)?) => {
+        $(#[$doc])*
+        #[doc = concat!("\n\n", stringify!($least), " to ", stringify!($most), $unit, ".")]
+        #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+        #[serde(try_from = "f64")]
+        pub struct $name($number);
+
+        impl $name {
+            /// The number itself, in the unit of the type's name.
+            pub const fn get(self) -> $number {
+                self.0
+            }
+        }
+
+        impl TryFrom<f64> for $name {
+            type Error = String;
+            fn try_from(value: f64) -> Result<Self, String> {
+                let range = Range { least: $least as f64, most: $most as f64, unit: $unit, whole: $whole };
+                range.check(value).map(|value| Self(value as $number))
+            }
+        }
+
+        impl FromStr for $name {
+            type Err = String;
+            fn from_str(text: &str) -> Result<Self, String> {
+                number(text)?.try_into()
+            }
+        }
+
+        $(impl Default for $name {
+            fn default() -> Self {
+                Self($default as $number)
+            }
+        })?
+    };
+}
+
+quantity!(/// Stand-off of the tip from the seam.
+    StandoffMm, -20 to 200 " mm", default 0);
+quantity!(/// Spacing of the waypoints; below a tenth of a millimetre a robot only stutters.
+    SpacingMm, 0.1 to 100 " mm");
+quantity!(/// Waypoints of each seam.
+    Points, whole 2 to 100000);
+quantity!(/// Weld speed; 250 mm/s is what a robot may move in manual mode.
+    FeedMmS, 0.1 to 250 " mm/s", default 8);
+quantity!(/// Speed of approach and retract.
+    ApproachFeedMmS, 0.1 to 250 " mm/s", default 25);
+quantity!(/// Speed of air moves.
+    AirFeedMmS, 0.1 to 250 " mm/s", default 150);
+quantity!(/// Distance of approach and retract from the seam.
+    ApproachMm, 1 to 500 " mm", default 50);
+quantity!(/// Height of air moves over the model.
+    ClearanceMm, 1 to 1000 " mm", default 50);
+quantity!(/// Threshold `t` of eq. (16); at 27, the least value of the ratio, everything would be an edge.
+    RatioThreshold, 27.000001 to 1000000 "", default 53);
+quantity!(/// Standard digital output of the controller.
+    Output, whole 0 to 7, default 0);
+quantity!(/// Standard digital input of the controller.
+    Input, whole 0 to 7);
+quantity!(/// Mass at the flange.
+    PayloadKg, 0 to 100 " kg");
+quantity!(Duration, 0 to 60 " s");
+
+/// A time of 0 to 60 s; `DEFAULT_MS` when nothing is said.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "f64", into = "f64")]
+pub struct TimeS<const DEFAULT_MS: u16>(Duration);
+
+impl<const DEFAULT_MS: u16> TimeS<DEFAULT_MS> {
+    /// The time, s.
+    pub const fn get(self) -> f64 {
+        self.0.get()
+    }
+}
+
+impl<const DEFAULT_MS: u16> Default for TimeS<DEFAULT_MS> {
+    fn default() -> Self {
+        Self(Duration(f64::from(DEFAULT_MS) / 1e3))
+    }
+}
+
+impl<const DEFAULT_MS: u16> TryFrom<f64> for TimeS<DEFAULT_MS> {
+    type Error = String;
+    fn try_from(value: f64) -> Result<Self, String> {
+        value.try_into().map(Self)
+    }
+}
+
+impl<const DEFAULT_MS: u16> From<TimeS<DEFAULT_MS>> for f64 {
+    fn from(time: TimeS<DEFAULT_MS>) -> Self {
+        time.get()
+    }
+}
+
+/// A place or offset in mm, at most a kilometre away in any direction.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(try_from = "[f64; 3]", into = "[f64; 3]")]
+pub struct Place([f64; 3]);
+
+impl Place {
+    /// x, y, z in mm.
+    pub const fn get(self) -> [f64; 3] {
+        self.0
+    }
+
+    /// The same as a point.
+    pub fn point_mm(self) -> Point3<f64> {
+        Point3::from(self.0)
+    }
+}
+
+impl TryFrom<[f64; 3]> for Place {
+    type Error = String;
+    fn try_from(place: [f64; 3]) -> Result<Self, String> {
+        let range = Range { least: -1e6, most: 1e6, unit: " mm", whole: false };
+        place.iter().try_for_each(|&value| range.check(value).map(drop))?;
+        Ok(Self(place))
+    }
+}
+
+impl From<Place> for [f64; 3] {
+    fn from(place: Place) -> Self {
+        place.0
+    }
+}
+
+impl FromStr for Place {
+    type Err = String;
+    fn from_str(text: &str) -> Result<Self, String> {
+        let numbers = text.split(',').map(number).collect::<Result<Vec<_>, _>>()?;
+        let place: [f64; 3] = numbers
+            .try_into()
+            .map_err(|n: Vec<f64>| format!("{} numbers; give three in mm, as in 120,-35,8.5", n.len()))?;
+        place.try_into()
+    }
+}
+
+/// A box in the base frame, from its least to its greatest corner.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "[Place; 2]", into = "[Place; 2]")]
+pub struct Region {
+    least: Place,
+    greatest: Place,
+}
+
+impl Region {
+    /// Whether `p_mm` lies in the box or on its surface.
+    pub fn contains(&self, p_mm: &Point3<f64>) -> bool {
+        (0..3).all(|axis| (self.least.0[axis]..=self.greatest.0[axis]).contains(&p_mm[axis]))
+    }
+}
+
+impl TryFrom<[Place; 2]> for Region {
+    type Error = String;
+    fn try_from([least, greatest]: [Place; 2]) -> Result<Self, String> {
+        match (0..3).find(|&axis| least.0[axis] > greatest.0[axis]) {
+            Some(axis) => {
+                let name = ['x', 'y', 'z'][axis];
+                Err(format!("the first corner has the greater {name}; give the least corner first"))
+            }
+            None => Ok(Self { least, greatest }),
+        }
+    }
+}
+
+impl From<Region> for [Place; 2] {
+    fn from(region: Region) -> Self {
+        [region.least, region.greatest]
+    }
+}
+
+impl FromStr for Region {
+    type Err = String;
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (least, greatest) =
+            text.split_once("..").ok_or("give two corners in mm, as in 0,0,0..200,100,50".to_owned())?;
+        [least.parse()?, greatest.parse()?].try_into()
+    }
+}
+
+/// A rotation vector, rad; up to two turns, as controllers write them.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(try_from = "[f64; 3]", into = "[f64; 3]")]
+pub struct RotationVector([f64; 3]);
+
+impl RotationVector {
+    /// rx, ry, rz in rad.
+    pub const fn get(self) -> [f64; 3] {
+        self.0
+    }
+}
+
+impl TryFrom<[f64; 3]> for RotationVector {
+    type Error = String;
+    fn try_from(vector: [f64; 3]) -> Result<Self, String> {
+        let two_turns = 2.0 * std::f64::consts::TAU;
+        let range = Range { least: -two_turns, most: two_turns, unit: " rad", whole: false };
+        vector.iter().try_for_each(|&value| range.check(value).map(drop))?;
+        Ok(Self(vector))
+    }
+}
+
+impl From<RotationVector> for [f64; 3] {
+    fn from(vector: RotationVector) -> Self {
+        vector.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_that_mean_nothing_are_refused_with_the_range() {
+        for text in ["nan", "inf", "-inf", "0", "-8", "251", "", "8 mm", "1e999"] {
+            let error = text.parse::<FeedMmS>().unwrap_err();
+            assert!(!error.is_empty(), "{text}");
+        }
+        assert_eq!("8".parse::<FeedMmS>().unwrap().get(), 8.0);
+        assert!("0".parse::<FeedMmS>().unwrap_err().contains("at least 0.1 mm/s"));
+        assert!("2.5".parse::<Points>().is_err());
+        assert!("27".parse::<RatioThreshold>().is_err());
+        assert_eq!("7".parse::<Output>().unwrap().get(), 7);
+    }
+
+    #[test]
+    fn a_region_holds_its_corners_and_nothing_beyond() {
+        let region: Region = "-1,-2,-3..1,2,3".parse().unwrap();
+        assert!(region.contains(&Point3::new(-1.0, 2.0, 3.0)));
+        assert!(!region.contains(&Point3::new(0.0, 2.1, 0.0)));
+        for text in
+            ["1,2,3", "1,2..3,4,5", "1,2,3..0,9,9", "1,2,x..3,4,5", "nan,0,0..1,1,1", "1,2,3,4..5,6,7"]
+        {
+            assert!(text.parse::<Region>().is_err(), "{text}");
+        }
+    }
+}

@@ -1,0 +1,55 @@
+//! From a plan to what a run leaves behind: selection, path modifiers, the program, and the files.
+
+use crate::export::directory::File;
+use crate::export::summary::{Source, Summary};
+use crate::export::{csv, json, ply, urscript};
+use crate::job::Job;
+use crate::pipeline::Plan;
+use crate::selection::{self, select};
+use crate::toolpath::SeamPath;
+use crate::toolpath::program::{Program, program};
+use crate::toolpath::resampling::resample;
+use crate::toolpath::standoff::standoff;
+
+/// What a run leaves behind.
+#[derive(Debug)]
+pub struct Output {
+    /// The selected seams' paths as they are written.
+    pub paths: Vec<SeamPath>,
+    /// The complete program.
+    pub program: Program,
+    /// What was found and how.
+    pub summary: Summary,
+    /// The files of the run, the summary among them.
+    pub files: Vec<File>,
+}
+
+/// Everything that follows from `plan` and `job`; writes nothing.
+pub fn postprocess(plan: &Plan, job: &Job, source: Source) -> Result<Output, selection::Error> {
+    let paths = modified(&select(&plan.paths, &job.selection)?, job);
+    let program = program(&paths, &plan.model, &job.motion());
+    let mut warnings = plan.warnings.clone();
+    warnings.extend(program.warnings.iter().cloned());
+    warnings.extend(tool_warning(job));
+    let summary = Summary::new(plan, source, &paths, warnings);
+    let files = vec![
+        File::new("path.csv", csv::write(&paths)),
+        File::new("path.json", json::write(&program.waypoints)),
+        File::new("path.script", urscript::write(&program.waypoints, &job.controller())),
+        File::new("model.ply", ply::write(&plan.model)),
+        File::new("job.toml", job.to_toml()),
+        File::new("summary.json", summary.to_json()),
+    ];
+    Ok(Output { paths, program, summary, files })
+}
+
+/// The path modifiers, in their order.
+fn modified(paths: &[SeamPath], job: &Job) -> Vec<SeamPath> {
+    let standoff_mm = job.path.standoff_mm.get();
+    paths.iter().map(|path| standoff(resample(path, job.sampling()), standoff_mm)).collect()
+}
+
+fn tool_warning(job: &Job) -> Option<String> {
+    let text = "path.script uses the TCP and payload that are set on the controller; give them as [tool] in a job file";
+    job.tool.is_none().then(|| text.to_owned())
+}

@@ -1,0 +1,183 @@
+//! Whose frame does a single cloud live in: that of a camera at its origin, or another?
+//!
+//! A camera sees along each ray once. So: all points in front of the origin within a field of view, and almost no two
+//! points on one ray at clearly different depths, at the angular spacing of the cloud itself.
+
+use std::collections::HashMap;
+
+use nalgebra::Vector3;
+
+use super::raw::{Extent, Raw};
+
+/// Half of the widest field of view, as a cosine: 50 degrees.
+const LEAST_COSINE: f64 = 0.642_787_609_686_539_3;
+/// Points that are looked at.
+const SAMPLE: usize = 30_000;
+/// Share of points that may break a rule: silhouettes and flying pixels do.
+const TOLERATED: f64 = 0.05;
+/// Fewer points prove nothing.
+const FEWEST: usize = 50;
+
+/// Where the camera stood, in the cloud's own coordinates and unit, if the cloud bears it out.
+pub(super) fn camera_of(raw: &Raw, extent: &Extent, notes: &mut Vec<String>) -> Option<Vector3<f64>> {
+    let origin = Vector3::zeros();
+    let candidates = raw.viewpoint.into_iter().filter(|at| *at != origin).chain([origin]);
+    let mut refusals = Vec::new();
+    for at in candidates {
+        let name = if at == origin { "the origin".into() } else { format!("VIEWPOINT {:?}", at.as_slice()) };
+        match evidence(raw, at, extent) {
+            Ok(why) => {
+                notes.push(format!("frame: a camera at {name} ({why})"));
+                return Some(at);
+            }
+            Err(why) => refusals.push(format!("no camera at {name}: {why}")),
+        }
+    }
+    notes.push(format!("frame: unknown camera position ({})", refusals.join("; ")));
+    None
+}
+
+/// Why a camera at `at` did, or why it did not, take this cloud.
+fn evidence(raw: &Raw, at: Vector3<f64>, extent: &Extent) -> Result<String, String> {
+    let n = raw.positions.len();
+    if n < FEWEST {
+        return Err(format!("{n} points prove nothing"));
+    }
+    let mut rays = raw.positions.sample(SAMPLE);
+    rays.iter_mut().for_each(|ray| *ray -= at);
+    let axis = optical_axis(&rays, at, extent)?;
+    let nearest = rays.iter().map(|ray| ray.dot(&axis)).fold(f64::INFINITY, f64::min);
+    let outside = share(&rays, |ray| ray.dot(&axis) < LEAST_COSINE * ray.norm());
+    if nearest <= 0.0 || outside > 0.0 {
+        return Err(format!(
+            "{:.1} % of the points are outside a field of view of 100 degrees",
+            100.0 * outside
+        ));
+    }
+    let hidden = hidden_share(&rays, &axis);
+    match hidden <= TOLERATED {
+        true => Ok(format!("one depth per ray for all but {:.1} % of the points", 100.0 * hidden)),
+        false => Err(format!("{:.1} % of the points would be hidden by others", 100.0 * hidden)),
+    }
+}
+
+/// The axis of the frame that the cloud is seen along: +z as usual, -z as in OpenGL.
+/// About a VIEWPOINT the axes say nothing, so it is the direction of the cloud's middle.
+fn optical_axis(rays: &[Vector3<f64>], at: Vector3<f64>, extent: &Extent) -> Result<Vector3<f64>, String> {
+    if at != Vector3::zeros() {
+        return (extent.middle - at).try_normalize(0.0).ok_or_else(|| "the cloud surrounds it".into());
+    }
+    let ahead = share(rays, |ray| ray.z > 0.0);
+    match ahead {
+        1.0 => Ok(Vector3::z()),
+        0.0 => Ok(-Vector3::z()),
+        _ => Err(format!("{:.1} % of the points are ahead in z, the others behind", 100.0 * ahead)),
+    }
+}
+
+fn share(rays: &[Vector3<f64>], holds: impl Fn(&Vector3<f64>) -> bool) -> f64 {
+    rays.iter().filter(|ray| holds(ray)).count() as f64 / rays.len() as f64
+}
+
+/// Share of the points that share their ray with a clearly nearer one.
+fn hidden_share(rays: &[Vector3<f64>], axis: &Vector3<f64>) -> f64 {
+    let right = axis.cross(&least_aligned(axis)).normalize();
+    let down = axis.cross(&right);
+    let image: Vec<[f64; 3]> = rays
+        .iter()
+        .map(|ray| {
+            let depth = ray.dot(axis);
+            [ray.dot(&right) / depth, ray.dot(&down) / depth, depth]
+        })
+        .collect();
+    // Four points to a cell: with one, a sample of two layers may well hold one point of either on each ray.
+    let pixel = 2.0 * angular_spacing(&image);
+    let mut nearest = HashMap::with_capacity(image.len());
+    for [u, v, depth] in &image {
+        let seen: &mut f64 = nearest.entry(cell(*u, *v, pixel)).or_insert(f64::INFINITY);
+        *seen = seen.min(*depth);
+    }
+    // A surface seen at 80 degrees from its normal changes its depth by 5.67 cells' widths within a cell.
+    let clear = 1.0 + 5.67 * pixel;
+    let hidden = image.iter().filter(|[u, v, depth]| *depth > clear * nearest[&cell(*u, *v, pixel)]).count();
+    hidden as f64 / image.len() as f64
+}
+
+fn least_aligned(axis: &Vector3<f64>) -> Vector3<f64> {
+    let mut basis = Vector3::zeros();
+    basis[axis.iamin()] = 1.0;
+    basis
+}
+
+fn cell(u: f64, v: f64, size: f64) -> (i64, i64) {
+    ((u / size).floor() as i64, (v / size).floor() as i64)
+}
+
+/// Spacing of the image points: the side of a square that holds one point on average, over the area they cover.
+fn angular_spacing(image: &[[f64; 3]]) -> f64 {
+    let span = |k: usize| {
+        let (low, high) = image
+            .iter()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), p| (low.min(p[k]), high.max(p[k])));
+        high - low
+    };
+    let whole = (span(0).max(1e-9) * span(1).max(1e-9) / image.len() as f64).sqrt();
+    let coarse = 4.0 * whole;
+    let covered: std::collections::HashSet<_> = image.iter().map(|[u, v, _]| cell(*u, *v, coarse)).collect();
+    coarse * (covered.len() as f64 / image.len() as f64).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::raw::Positions;
+    use super::*;
+    use nalgebra::Point3;
+
+    /// What a 200 x 150 camera at the origin sees of a box 300 mm wide, 40 mm high, on a table 600 mm away.
+    fn box_on_table() -> Vec<Point3<f64>> {
+        let ray =
+            |i: usize| Vector3::new((i % 200) as f64 / 200.0 - 0.5, (i / 200) as f64 / 200.0 - 0.375, 1.0);
+        (0..200 * 150)
+            .map(|i| {
+                let on_box = ray(i) * 560.0;
+                let hits = on_box.x.abs() < 150.0 && on_box.y.abs() < 100.0;
+                Point3::from(if hits { on_box } else { ray(i) * 600.0 })
+            })
+            .collect()
+    }
+
+    fn decided(points: Vec<Point3<f64>>, viewpoint: Option<Vector3<f64>>) -> (Option<Vector3<f64>>, String) {
+        let mut raw = Raw::from(Positions::Double(points));
+        raw.viewpoint = viewpoint;
+        let mut notes = Vec::new();
+        (camera_of(&raw, &raw.extent(), &mut notes), notes.join("\n"))
+    }
+
+    #[test]
+    fn what_a_camera_sees_is_known_as_such() {
+        assert_eq!(decided(box_on_table(), None).0, Some(Vector3::zeros()));
+        let behind = box_on_table().iter().map(|p| Point3::new(p.x, -p.y, -p.z)).collect();
+        assert_eq!(decided(behind, None).0, Some(Vector3::zeros()), "OpenGL looks along -z");
+    }
+
+    #[test]
+    fn a_plate_with_two_sides_was_not_seen_from_the_origin() {
+        let both = box_on_table().into_iter().flat_map(|p| [p, p * 1.4]).collect();
+        let (camera, note) = decided(both, None);
+        assert!(camera.is_none() && note.contains("hidden"), "{note}");
+    }
+
+    #[test]
+    fn a_workpiece_beside_the_robot_was_not_seen_from_its_base() {
+        let beside = box_on_table().iter().map(|p| Point3::new(p.x + 700.0, p.y, 600.0 - p.z)).collect();
+        assert!(decided(beside, None).0.is_none());
+    }
+
+    #[test]
+    fn a_viewpoint_is_taken_if_the_cloud_bears_it_out() {
+        let at = Vector3::new(900.0, -200.0, 50.0);
+        let moved = || box_on_table().iter().map(|p| p + at).collect();
+        assert_eq!(decided(moved(), Some(at)).0, Some(at));
+        assert_eq!(decided(moved(), Some(at + Vector3::new(0.0, 0.0, 590.0))).0, None);
+    }
+}

@@ -1,0 +1,124 @@
+//! Where the piece and the cameras are, and what the robot says about it. Millimetres, base frame.
+
+use super::random::Stream;
+use super::rotation::{UrPose, about, from_columns, round_to, sin_cos_deg};
+use super::scene::Scene;
+use super::workpiece::{TrueSeam, Viewpoint, Workpiece};
+use super::{Noise, Pose, Request};
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+
+/// Height of the table's top.
+const TABLE_MM: f64 = 40.0;
+/// Cameras stay this far above the table.
+const CLEARANCE_MM: f64 = 80.0;
+/// An upright piece is held this far above the table.
+const HELD_MM: f64 = 55.0;
+
+/// The piece and the cameras in the base frame.
+pub(super) struct Placement {
+    base_from_piece: Isometry3<f64>,
+    /// True poses of the flange, as a robot controller would write them.
+    flanges: Vec<UrPose>,
+}
+
+/// The hand-eye transform of all simulated scans, the one of the scans the project was given:
+/// turned by -1.1, 0.4 and 0.3 degrees about x, y and z.
+pub(super) fn flange_from_camera() -> Isometry3<f64> {
+    let turn = about(Vector3::z(), 0.3) * about(Vector3::y(), -0.4) * about(Vector3::x(), 1.1);
+    Isometry3::from_parts(Translation3::new(-10.3, -122.4, 74.8), turn)
+}
+
+/// What the robot reports of view `i`, truly at `base_from_camera`: exact for the first, else 1-3 mm and 0.3-1 degree off.
+pub(super) fn reported(base_from_camera: &Isometry3<f64>, request: &Request, i: usize) -> UrPose {
+    let mut random = Stream::new(request.seed, "pose error", i as u64);
+    let (shift, axis) = (random.direction(), random.direction());
+    let (shift_mm, turn_deg) = match (i, request.noise) {
+        (0, _) | (_, Noise::None) => (0.0, 0.0),
+        _ => (random.between(1.0, 3.0), random.between(0.3, 1.0)),
+    };
+    let moved = Isometry3::from_parts(
+        Translation3::from(base_from_camera.translation.vector + shift * shift_mm),
+        about(axis, turn_deg) * base_from_camera.rotation,
+    );
+    UrPose::reported(&(moved * flange_from_camera().inverse()))
+}
+
+impl Placement {
+    pub(super) fn of(piece: &Workpiece, request: &Request) -> Self {
+        let mut random = Stream::new(request.seed, request.part.name(), 1);
+        let rotation = attitude(request.pose, &mut random);
+        let aside = Vector3::new(random.between(-40.0, 40.0), -480.0 + random.between(-40.0, 40.0), 0.0);
+        let cameras: Vec<Isometry3<f64>> =
+            piece.views.take(request.views).iter().map(|v| piece_from_camera(v, &mut random)).collect();
+        let lift = Vector3::z() * height(piece, &rotation, request.pose, &cameras);
+        let base_from_piece = Isometry3::from_parts(Translation3::from(aside + lift), rotation);
+        let camera_from_flange = flange_from_camera().inverse();
+        let flange =
+            |camera: &Isometry3<f64>| UrPose::reported(&(base_from_piece * camera * camera_from_flange));
+        Self { base_from_piece, flanges: cameras.iter().map(flange).collect() }
+    }
+
+    /// Piece and table in the base frame.
+    pub(super) fn scene(&self, piece: &Workpiece) -> Scene {
+        let solids = piece.solids.iter().map(|solid| solid.moved(&self.base_from_piece)).collect();
+        Scene::new(solids, TABLE_MM)
+    }
+
+    /// The piece's seams in the base frame.
+    pub(super) fn seams(&self, piece: &Workpiece) -> Vec<TrueSeam> {
+        piece.seams.iter().map(|seam| seam.moved(&self.base_from_piece)).collect()
+    }
+
+    pub(super) fn true_flanges(&self) -> &[UrPose] {
+        &self.flanges
+    }
+}
+
+/// How the piece is turned.
+fn attitude(pose: Pose, random: &mut Stream) -> UnitQuaternion<f64> {
+    let (x, z) = (Vector3::x(), Vector3::z());
+    match pose {
+        Pose::Flat => about(z, random.between(-180.0, 180.0)),
+        Pose::Tilted => {
+            about(z, random.between(-180.0, 180.0)) * about(x, 30.0) * about(z, random.between(-40.0, 40.0))
+        }
+        // Upright pieces lean back by 15 degrees and face away from the robot.
+        Pose::Horizontal => about(z, random.between(-30.0, 30.0)) * about(x, 75.0),
+        Pose::Vertical => about(z, random.between(-30.0, 30.0)) * about(x, 75.0) * about(z, 90.0),
+    }
+}
+
+/// Height of the piece's origin at which it rests on the table, or is held so high that all cameras clear the table.
+fn height(piece: &Workpiece, rotation: &UnitQuaternion<f64>, pose: Pose, cameras: &[Isometry3<f64>]) -> f64 {
+    let level = |p: Point3<f64>| (rotation * p).z;
+    let corners = piece.solids.iter().flat_map(|s| s.corners().iter().copied());
+    let lowest = corners.map(level).fold(f64::INFINITY, f64::min);
+    let lowest_camera =
+        cameras.iter().map(|c| level(c.translation.vector.into())).fold(f64::INFINITY, f64::min);
+    let above = match pose {
+        Pose::Flat => 0.0,
+        Pose::Tilted => 5.0,
+        Pose::Horizontal | Pose::Vertical => HELD_MM,
+    };
+    round_to(TABLE_MM + (above - lowest).max(CLEARANCE_MM - lowest_camera), 1e-3)
+}
+
+/// A camera at the viewpoint, give or take what a hand gives or takes.
+fn piece_from_camera(view: &Viewpoint, random: &mut Stream) -> Isometry3<f64> {
+    let mut about_value = |value: f64, spread: f64| value + random.between(-spread, spread);
+    let (sin_a, cos_a) = sin_cos_deg(about_value(view.azimuth_deg, 6.0));
+    let (sin_e, cos_e) = sin_cos_deg(about_value(view.elevation_deg, 3.0));
+    let distance = about_value(view.distance_mm, 20.0);
+    let target = Vector3::new(
+        about_value(view.target.x, 12.0),
+        about_value(view.target.y, 12.0),
+        about_value(view.target.z, 6.0),
+    );
+    let roll_deg = about_value(0.0, 5.0);
+    let forward = -Vector3::new(cos_e * cos_a, cos_e * sin_a, sin_e);
+    // Down in the image is down in the world; looking straight down, the long side of the piece lies along the rows.
+    let hint = if forward.z < -0.9 { -Vector3::y() } else { -Vector3::z() };
+    let down = (hint - forward * hint.dot(&forward)).normalize();
+    let rotation = from_columns(down.cross(&forward), down, forward) * about(Vector3::z(), roll_deg);
+    Isometry3::from_parts(Translation3::from(target - forward * distance), rotation)
+}

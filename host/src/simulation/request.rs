@@ -1,0 +1,294 @@
+//! What can be asked of the simulator, and what is wrong with a request.
+
+use super::noise::Noise;
+use serde::{Deserialize, Serialize};
+use std::str::FromStr;
+
+/// The workpieces.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Part {
+    /// T joint, 300 mm; its web may lean.
+    Fillet,
+    /// Plate on plate, 300 mm.
+    Lap,
+    /// Disc on plate: a closed lap joint.
+    RoundLap,
+    /// Outside corner of two plates, 250 mm.
+    Corner,
+    /// Pipe on plate.
+    Pipe,
+    /// V groove between two plates, 500 mm.
+    ButtV,
+    /// Branch pipe on a main pipe.
+    Saddle,
+    /// Three webs at 120 degrees on a plate: six seams in two pockets.
+    Branch,
+    /// Block and rib on a plate.
+    Tacked,
+    /// V groove along an S with a crown.
+    Scurve,
+    /// Two webs that cross, on a plate: twelve seams in four pockets.
+    Cruciform,
+    /// A plate with two holes: nothing to weld.
+    Plate,
+    /// A block on the table: nothing to weld.
+    Box,
+}
+
+/// How the piece lies.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Pose {
+    /// On the table (PA, PB).
+    Flat,
+    /// Inclined by 30 degrees.
+    Tilted,
+    /// Upright, main seam level (PC).
+    Horizontal,
+    /// Upright, main seam rising (PF).
+    Vertical,
+}
+
+/// How views are stored.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Format {
+    /// 16-bit depth images.
+    Png,
+    /// Binary PLY clouds in the camera frame.
+    Ply,
+}
+
+/// A scan to simulate.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Request {
+    /// The workpiece.
+    pub part: Part,
+    /// How it lies.
+    pub pose: Pose,
+    /// How many views; as many as the piece needs if not given.
+    pub views: Option<usize>,
+    /// How noisy the camera is.
+    pub noise: Noise,
+    /// Sizes, places and noise follow from it.
+    pub seed: u64,
+    /// Columns of a depth image.
+    pub width: u32,
+    /// Rows of a depth image.
+    pub height: u32,
+    /// Place the cameras badly on purpose: views that share too little. For `branch` and `tacked`.
+    pub weak: bool,
+    /// How views are stored.
+    pub format: Format,
+    /// Included angle of a groove, or angle between plate and web of a fillet, degrees; 60 and 90 if not given.
+    pub angle_deg: Option<f64>,
+    /// Length of a straight seam, mm, for `fillet`, `lap`, `corner`, `butt-v`.
+    pub length_mm: Option<f64>,
+}
+
+/// Why a scan cannot be simulated or written.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// A word that names nothing.
+    #[error("unknown {what} `{word}`: choose one of {choices}")]
+    Unknown {
+        /// What the word should name.
+        what: &'static str,
+        /// The word.
+        word: String,
+        /// What it may be.
+        choices: String,
+    },
+    /// A number out of its range.
+    #[error("{name} is {value}, it must lie between {low} and {high}")]
+    OutOfRange {
+        /// Name of the setting.
+        name: &'static str,
+        /// What was given.
+        value: f64,
+        /// Least.
+        low: f64,
+        /// Greatest.
+        high: f64,
+    },
+    /// A setting that the workpiece does not have.
+    #[error("`{part}` has no {setting}: leave it out, or choose one of {choices}")]
+    NotForPart {
+        /// Name of the part.
+        part: &'static str,
+        /// The setting.
+        setting: &'static str,
+        /// Parts that have it.
+        choices: &'static str,
+    },
+    /// The folder or a file in it cannot be written.
+    #[error("cannot write {path}: {source}")]
+    Write {
+        /// The file.
+        path: std::path::PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
+}
+
+impl Part {
+    /// All of them.
+    pub const ALL: [Self; 13] = [
+        Self::Fillet,
+        Self::Lap,
+        Self::RoundLap,
+        Self::Corner,
+        Self::Pipe,
+        Self::ButtV,
+        Self::Saddle,
+        Self::Branch,
+        Self::Tacked,
+        Self::Scurve,
+        Self::Cruciform,
+        Self::Plate,
+        Self::Box,
+    ];
+
+    /// The name on the command line and in files.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Fillet => "fillet",
+            Self::Lap => "lap",
+            Self::RoundLap => "round-lap",
+            Self::Corner => "corner",
+            Self::Pipe => "pipe",
+            Self::ButtV => "butt-v",
+            Self::Saddle => "saddle",
+            Self::Branch => "branch",
+            Self::Tacked => "tacked",
+            Self::Scurve => "scurve",
+            Self::Cruciform => "cruciform",
+            Self::Plate => "plate",
+            Self::Box => "box",
+        }
+    }
+}
+
+impl Pose {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Flat, Self::Tilted, Self::Horizontal, Self::Vertical];
+
+    /// The name on the command line and in files.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Flat => "flat",
+            Self::Tilted => "tilted",
+            Self::Horizontal => "horizontal",
+            Self::Vertical => "vertical",
+        }
+    }
+}
+
+impl Noise {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::None, Self::Low, Self::Mid, Self::High];
+
+    /// The name on the command line and in files.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::Low => "low",
+            Self::Mid => "mid",
+            Self::High => "high",
+        }
+    }
+}
+
+impl Format {
+    /// All of them.
+    pub const ALL: [Self; 2] = [Self::Png, Self::Ply];
+
+    /// The name on the command line and in files.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Png => "png",
+            Self::Ply => "ply",
+        }
+    }
+}
+
+macro_rules! named {
+    ($kind:ty, $what:literal) => {
+        impl std::fmt::Display for $kind {
+            fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+                f.pad(self.name())
+            }
+        }
+
+        impl FromStr for $kind {
+            type Err = Error;
+
+            fn from_str(word: &str) -> Result<Self, Error> {
+                let choices = || Self::ALL.map(Self::name).join(", ");
+                let found = Self::ALL.into_iter().find(|one| one.name() == word);
+                found.ok_or_else(|| Error::Unknown { what: $what, word: word.into(), choices: choices() })
+            }
+        }
+    };
+}
+
+named!(Part, "part");
+named!(Pose, "pose");
+named!(Noise, "noise");
+named!(Format, "format");
+
+impl Request {
+    /// A scan of `part` lying flat, at medium noise, in 640 x 480 depth images.
+    pub fn new(part: Part, seed: u64) -> Self {
+        Self {
+            part,
+            pose: Pose::Flat,
+            views: None,
+            noise: Noise::Mid,
+            seed,
+            width: 640,
+            height: 480,
+            weak: false,
+            format: Format::Png,
+            angle_deg: None,
+            length_mm: None,
+        }
+    }
+
+    /// Name of the scan: piece, pose, noise, seed.
+    pub fn name(&self) -> String {
+        let how = if self.weak { "weak" } else { self.pose.name() };
+        format!("{}_{how}_{}_s{}", self.part, self.noise, self.seed)
+    }
+
+    pub(super) fn check(&self) -> Result<(), Error> {
+        let (part, views) = (self.part, self.views.unwrap_or(1));
+        within("views", views as f64, 1.0, 99.0)?;
+        within("width", f64::from(self.width), 16.0, 4096.0)?;
+        within("height", f64::from(self.height), 16.0, 4096.0)?;
+        let refuse = |setting, choices| Err(Error::NotForPart { part: part.name(), setting, choices });
+        match (self.angle_deg, part) {
+            (Some(angle_deg), Part::Fillet) => within("angle", angle_deg, 45.0, 135.0)?,
+            (Some(angle_deg), Part::ButtV | Part::Scurve) => within("angle", angle_deg, 30.0, 120.0)?,
+            (Some(_), _) => return refuse("angle", "fillet, butt-v, scurve"),
+            _ => {}
+        }
+        match (self.length_mm, part) {
+            (Some(length_mm), Part::Fillet | Part::Lap | Part::Corner | Part::ButtV) => {
+                within("length", length_mm, 60.0, 600.0)?;
+            }
+            (Some(_), _) => return refuse("length", "fillet, lap, corner, butt-v"),
+            _ => {}
+        }
+        match (self.weak, part) {
+            (true, Part::Branch | Part::Tacked) | (false, _) => Ok(()),
+            (true, _) => refuse("weak placement", "branch, tacked"),
+        }
+    }
+}
+
+fn within(name: &'static str, value: f64, low: f64, high: f64) -> Result<(), Error> {
+    let good = (low..=high).contains(&value);
+    if good { Ok(()) } else { Err(Error::OutOfRange { name, value, low, high }) }
+}

@@ -1,0 +1,170 @@
+//! The command as a script sees it: exit codes, messages, and nothing left behind by a failure.
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+fn weldpath(folder: &Path, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_weldpath")).args(arguments).current_dir(folder).output().unwrap()
+}
+
+fn stderr(output: &Output) -> String {
+    String::from_utf8(output.stderr.clone()).unwrap()
+}
+
+/// A folder with a flat patch of points: an input without a seam.
+fn home() -> tempfile::TempDir {
+    let home = tempfile::tempdir().unwrap();
+    let rows = (0..60).flat_map(|i| (0..60).map(move |j| format!("{i} {j} 0\n")));
+    std::fs::write(home.path().join("flat.xyz"), rows.collect::<String>()).unwrap();
+    home
+}
+
+#[test]
+fn wrong_usage_is_2_and_says_what_is_right() {
+    let home = home();
+    for (arguments, part) in [
+        (vec![], "Usage"),
+        (vec!["plan"], "INPUT"),
+        (vec!["plan", "flat.xyz", "--feed-mm-s", "nan"], "0.1 to 250 mm/s"),
+        (vec!["plan", "flat.xyz", "--feed-mm-s", "0"], "at least 0.1 mm/s"),
+        (vec!["plan", "flat.xyz", "--spacing-mm", "-2"], "at least 0.1 mm"),
+        (vec!["plan", "flat.xyz", "--approach-mm", "1e9"], "at most 500 mm"),
+        (vec!["plan", "flat.xyz", "--points", "2.5"], "whole"),
+        (vec!["plan", "flat.xyz", "--points", "9", "--spacing-mm", "2"], "cannot be used with"),
+        (vec!["plan", "flat.xyz", "--near", "1,2"], "three"),
+        (vec!["plan", "flat.xyz", "--roi", "0,0,0"], "two corners"),
+        (vec!["plan", "flat.xyz", "--t", "60"], "--method paper"),
+        (vec!["plan", "flat.xyz", "--arc-output", "8"], "at most 7"),
+        (vec!["plan", "flat.xyz", "--units", "inch"], "possible values"),
+    ] {
+        let output = weldpath(home.path(), &arguments);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}");
+        assert!(stderr(&output).contains(part), "{arguments:?}: {}", stderr(&output));
+    }
+}
+
+#[test]
+fn a_job_file_with_a_slip_is_2_with_the_line_and_the_right_name() {
+    let home = home();
+    std::fs::write(home.path().join("job.toml"), "input = \"flat.xyz\"\n[path]\nfeed_mm_min = 480\n")
+        .unwrap();
+    let output = weldpath(home.path(), &["plan", "--job", "job.toml"]);
+    assert_eq!(output.status.code(), Some(2));
+    for part in ["job.toml:3", "feed_mm_min", "did you mean `feed_mm_s`?"] {
+        assert!(stderr(&output).contains(part), "{}", stderr(&output));
+    }
+}
+
+#[test]
+fn an_input_that_cannot_be_read_is_4_and_named() {
+    let home = home();
+    std::fs::write(home.path().join("torn.ply"), "ply\nformat ascii 1.0\nelement vertex 9\n").unwrap();
+    for input in ["nowhere", "torn.ply"] {
+        let output = weldpath(home.path(), &["plan", input]);
+        assert_eq!(output.status.code(), Some(4), "{input}");
+        assert!(stderr(&output).contains(input));
+    }
+}
+
+#[test]
+fn an_output_that_cannot_be_written_is_5_before_any_work() {
+    let home = home();
+    let output = weldpath(home.path(), &["plan", "flat.xyz", "--out", "flat.xyz/out"]);
+    assert_eq!(output.status.code(), Some(5), "{}", stderr(&output));
+    assert!(
+        stderr(&output).contains("flat.xyz/out") && stderr(&output).contains("--out"),
+        "{}",
+        stderr(&output)
+    );
+}
+
+#[test]
+fn a_flat_plate_is_3_and_leaves_nothing_behind() {
+    let home = home();
+    for more in [vec![], vec!["--quiet"], vec!["--json"]] {
+        let output = weldpath(home.path(), &[&["plan", "flat.xyz"], more.as_slice()].concat());
+        assert_eq!(output.status.code(), Some(3), "{}", stderr(&output));
+        assert!(stderr(&output).starts_with("error: no seam found: "), "{}", stderr(&output));
+        assert!(output.stdout.is_empty());
+        assert!(!home.path().join("out").exists());
+    }
+}
+
+#[test]
+fn nothing_but_the_message_is_printed_without_a_terminal() {
+    let home = home();
+    let output = weldpath(home.path(), &["plan", "flat.xyz"]);
+    assert!(!stderr(&output).contains('\u{1b}'), "no bar, no colour: {}", stderr(&output));
+}
+
+#[test]
+fn a_simulated_scan_is_read_by_plan() {
+    let home = home();
+    let simulate = ["simulate", "--part", "box", "--views", "2", "--size", "160x120", "--out", "scan"];
+    let output = weldpath(home.path(), &simulate);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    assert!(String::from_utf8_lossy(&output.stdout).contains("2 views, 0 seams"));
+    for file in ["scan.json", "truth.json", "view_000.png", "view_001.png"] {
+        assert!(home.path().join("scan").join(file).exists(), "{file}");
+    }
+    let output = weldpath(home.path(), &["plan", "scan", "--quiet"]);
+    assert_eq!(output.status.code(), Some(3), "a box has no seam: {}", stderr(&output));
+}
+
+#[test]
+fn a_scan_that_was_not_simulated_is_never_overwritten() {
+    let home = home();
+    std::fs::write(home.path().join("scan.json"), "precious").unwrap();
+    let output = weldpath(home.path(), &["simulate", "--part", "box", "--out", "."]);
+    assert_eq!(output.status.code(), Some(5));
+    assert_eq!(std::fs::read_to_string(home.path().join("scan.json")).unwrap(), "precious");
+}
+
+#[test]
+fn a_part_or_size_that_is_not_known_is_2_with_the_choices() {
+    let home = home();
+    for (option, value, part) in
+        [("--part", "tee", "fillet"), ("--size", "big", "640x480"), ("--views", "0", "views")]
+    {
+        let arguments = ["simulate", "--out", "s", option, value, "--part", "box"];
+        let count = if option == "--part" { 5 } else { 7 };
+        let output = weldpath(home.path(), &arguments[..count]);
+        assert_eq!(output.status.code(), Some(2), "{option} {value}");
+        assert!(stderr(&output).contains(part), "{}", stderr(&output));
+    }
+}
+
+#[test]
+fn a_path_that_is_the_truth_scores_full_marks() {
+    let home = home();
+    let simulate = ["simulate", "--part", "fillet", "--views", "2", "--size", "160x120", "--out", "scan"];
+    assert!(weldpath(home.path(), &simulate).status.success());
+    let truth: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(home.path().join("scan/truth.json")).unwrap()).unwrap();
+    let mut csv = "seam,x_mm,y_mm,z_mm\n".to_owned();
+    for seam in truth["seams"].as_array().unwrap() {
+        for p in seam["p"].as_array().unwrap() {
+            csv += &format!("{},{},{},{}\n", seam["name"], p[0], p[1], p[2]);
+        }
+    }
+    std::fs::write(home.path().join("path.csv"), csv).unwrap();
+    let arguments = ["evaluate", "path.csv", "--truth", "scan/truth.json"];
+    let json = weldpath(home.path(), &[arguments.as_slice(), &["--json"]].concat());
+    let scores: serde_json::Value = serde_json::from_slice(&json.stdout).unwrap();
+    assert!(scores["rmse_p"].as_f64().unwrap() < 1e-3, "{scores}");
+    assert_eq!((scores["coverage"].as_f64(), scores["false_frac"].as_f64()), (Some(1.0), Some(0.0)));
+    let table = weldpath(home.path(), &arguments);
+    assert!(String::from_utf8_lossy(&table.stdout).contains("coverage               100.0 %"));
+}
+
+#[test]
+fn a_truth_that_cannot_be_read_is_4() {
+    let home = home();
+    std::fs::write(home.path().join("path.csv"), "x_mm,y_mm,z_mm\n1,2,3\n").unwrap();
+    std::fs::write(home.path().join("truth.json"), "{").unwrap();
+    for truth in ["none.json", "truth.json"] {
+        let output = weldpath(home.path(), &["evaluate", "path.csv", "--truth", truth]);
+        assert_eq!(output.status.code(), Some(4));
+        assert!(stderr(&output).contains(truth), "{}", stderr(&output));
+    }
+}

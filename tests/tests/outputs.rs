@@ -1,0 +1,147 @@
+//! The files of a run agree with the plan and with each other.
+
+use std::path::Path;
+
+use nalgebra::Point3;
+use weldpath::evaluation::{Options, PathSet, score};
+use weldpath::export::directory;
+use weldpath::export::json;
+use weldpath::job::Job;
+use weldpath::postprocessing::{Output, postprocess};
+use weldpath::simulation::{Part, Request, stage};
+use weldpath_tests::plans;
+
+fn output(job: &str) -> Output {
+    let job = Job::parse(job, Path::new("job.toml")).unwrap();
+    postprocess(&plans::pipe_and_bend(), &job, Default::default()).unwrap()
+}
+
+fn text(output: &Output, name: &str) -> String {
+    let file = output.files.iter().find(|file| file.name == name).unwrap();
+    String::from_utf8(file.bytes.clone()).unwrap()
+}
+
+/// Rows of path.csv by column name.
+fn column(csv: &str, name: &str) -> Vec<f64> {
+    let mut lines = csv.lines();
+    let index = lines.next().unwrap().split(',').position(|column| column == name).unwrap();
+    lines.map(|line| line.split(',').nth(index).unwrap().parse().unwrap()).collect()
+}
+
+#[test]
+fn path_csv_has_the_documented_columns_and_lies_on_the_seams() {
+    let csv = text(&output(""), "path.csv");
+    assert_eq!(csv.lines().next(), Some("seam,index,s_mm,x_mm,y_mm,z_mm,qw,qx,qy,qz"));
+    let [seam, x, y, z] = ["seam", "x_mm", "y_mm", "z_mm"].map(|name| column(&csv, name));
+    for i in 0..seam.len() {
+        let off_mm = if seam[i] == 1.0 {
+            (x[i].hypot(y[i]) - 20.0).abs()
+        } else {
+            let [cx, cy, _] = plans::CORNER_MM;
+            (y[i] - cy).abs().min((x[i] - cx).abs())
+        };
+        assert!(off_mm < 1e-3 && z[i].abs() < 1e-4, "row {i} is {off_mm} mm off");
+    }
+    let [cx, cy, _] = plans::CORNER_MM;
+    assert!((0..x.len()).any(|i| (x[i] - cx).hypot(y[i] - cy) < 1e-4), "the corner is a waypoint");
+}
+
+#[test]
+fn torch_axes_in_path_csv_point_out_of_the_work() {
+    let csv = text(&output(""), "path.csv");
+    let [w, x, y, z] = ["qw", "qx", "qy", "qz"].map(|name| column(&csv, name));
+    for i in 0..w.len() {
+        let n_z = 1.0 - 2.0 * (x[i] * x[i] + y[i] * y[i]);
+        let norm = (w[i] * w[i] + x[i] * x[i] + y[i] * y[i] + z[i] * z[i]).sqrt();
+        assert!(n_z > 0.5 && (norm - 1.0).abs() < 1e-8, "row {i}");
+    }
+}
+
+#[test]
+fn standoff_lifts_every_point_along_its_own_axis() {
+    let csv = text(&output("[path]\nstandoff_mm = 10\n[selection]\nseams = [1]"), "path.csv");
+    let [x, y, z] = ["x_mm", "y_mm", "z_mm"].map(|name| column(&csv, name));
+    let rise = 10.0 * 0.5f64.sqrt();
+    for i in 0..x.len() {
+        assert!((x[i].hypot(y[i]) - 20.0 - rise).abs() < 1e-3 && (z[i] - rise).abs() < 1e-3);
+    }
+}
+
+#[test]
+fn path_json_read_back_is_the_program() {
+    let output = output("");
+    let back = json::read(&text(&output, "path.json")).unwrap();
+    assert_eq!(back.len(), output.program.waypoints.len());
+    for (a, b) in back.iter().zip(&output.program.waypoints) {
+        assert!((a.position_mm - b.position_mm).norm() < 1e-5);
+        assert!(a.base_from_torch.angle_to(&b.base_from_torch) < 1e-6);
+        assert_eq!((a.weld, a.seam, a.kind, a.feed_mm_s), (b.weld, b.seam, b.kind, b.feed_mm_s));
+    }
+    let welds: Vec<Point3<f64>> = back.iter().filter(|w| w.weld).map(|w| w.position_mm).collect();
+    let csv = text(&output, "path.csv");
+    assert_eq!(welds.len(), csv.lines().count() - 1, "path.csv holds the seam points and no others");
+}
+
+#[test]
+fn air_moves_stay_above_the_pipe() {
+    let output = output("[path]\nclearance_mm = 25");
+    let air: Vec<f64> = output
+        .program
+        .waypoints
+        .windows(2)
+        .filter(|w| !w[0].weld && w[1].seam.is_none())
+        .map(|w| w[1].position_mm.z)
+        .collect();
+    assert!(!air.is_empty() && air.iter().all(|z| (z - 105.0).abs() < 1e-6), "{air:?}");
+}
+
+#[test]
+fn a_perfect_plan_scores_full_marks_through_path_csv() {
+    for part in [Part::Pipe, Part::Fillet, Part::Saddle, Part::Branch] {
+        let truth = stage(&Request::new(part, 7)).unwrap().truth;
+        let job = Job::parse("[path]\nstandoff_mm = 12", Path::new("job.toml")).unwrap();
+        let output = postprocess(&plans::of_truth(&truth), &job, Default::default()).unwrap();
+        let paths = PathSet::parse(text(&output, "path.csv").as_bytes(), Path::new("path.csv")).unwrap();
+        let score = score(&paths, &truth, &Options { standoff_mm: 12.0, ..Options::default() });
+        let (off_mm, off_deg) = (score.rmse_mm.unwrap(), score.rmse_deg.unwrap());
+        assert!(off_mm < 0.01 && off_deg < 0.1, "{part}: {off_mm} mm, {off_deg} deg");
+        assert_eq!(score.false_share, 0.0, "{part}");
+        assert!(score.coverage > 0.99, "{part}: {}", score.coverage);
+    }
+}
+
+#[test]
+fn the_effective_job_replays_to_the_same_bytes() {
+    let first = output("[path]\nfeed_mm_s = 6\npoints = 50\n[selection]\nseams = [2]");
+    let again = output(&text(&first, "job.toml"));
+    for (a, b) in first.files.iter().zip(&again.files) {
+        assert_eq!(a.name, b.name);
+        assert!(a.bytes == b.bytes, "{} differs", a.name);
+    }
+}
+
+#[test]
+fn the_summary_names_every_seam_and_which_are_welded() {
+    let summary: serde_json::Value =
+        serde_json::from_str(&text(&output("[selection]\nseams = [2]"), "summary.json")).unwrap();
+    let seams = summary["seams"].as_array().unwrap();
+    let of = |key: &str| seams.iter().map(|seam| seam[key].clone()).collect::<Vec<_>>();
+    assert_eq!(of("joint"), ["pipe", "fillet"]);
+    assert_eq!(of("selected"), [false, true]);
+    assert!((seams[0]["length_mm"].as_f64().unwrap() - 40.0 * std::f64::consts::PI).abs() < 0.01);
+    assert!((seams[1]["length_mm"].as_f64().unwrap() - 100.0).abs() < 1e-9);
+    assert_eq!(summary["views"][0]["fitness_per_iteration"].as_array().unwrap().len(), 3);
+    assert!(summary["views"][0]["uncertainty_mm"].is_null(), "unbounded is null");
+    assert_eq!(summary["derived"][0]["name"], "voxel_mm");
+}
+
+#[test]
+fn a_folder_that_refuses_is_left_as_it_was() {
+    let home = tempfile::tempdir().unwrap();
+    let out = home.path().join("out");
+    std::fs::create_dir_all(out.join("summary.json")).unwrap();
+    std::fs::write(out.join("path.csv"), "precious").unwrap();
+    assert!(directory::write(&out, &output("").files).is_err());
+    assert_eq!(std::fs::read_to_string(out.join("path.csv")).unwrap(), "precious");
+    assert_eq!(std::fs::read_dir(&out).unwrap().count(), 2);
+}

@@ -1,0 +1,147 @@
+//! The readers on real files that others made: every cloud, mesh and depth frame is read, with the count of its header.
+//!
+//! Skipped, with a line that says so, where the data is absent. `--nocapture` prints what was decided for each file.
+
+use std::path::{Path, PathBuf};
+
+use weldpath::scan::{self, Options, Scan};
+
+fn data(folder: &str) -> Option<PathBuf> {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .ancestors()
+        .map(|dir| dir.join("../shared/data"))
+        .find(|p| p.is_dir());
+    let found = path.map(|data| data.join(folder)).filter(|folder| folder.is_dir());
+    if found.is_none() {
+        println!("skipped: ../shared/data/{folder} is absent");
+    }
+    found
+}
+
+fn files(folder: &Path, extensions: &[&str]) -> Vec<PathBuf> {
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
+        if path.is_dir() {
+            found.extend(files(&path, extensions));
+        } else if extensions.contains(&extension.as_str()) {
+            found.push(path);
+        }
+    }
+    found.sort();
+    found
+}
+
+fn read(path: &Path) -> Scan {
+    scan::read(path, &Options::default()).unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// The number after a key of the header.
+fn in_header(path: &Path, key: &str) -> usize {
+    let bytes = std::fs::read(path).unwrap();
+    let head = String::from_utf8_lossy(&bytes[..bytes.len().min(2000)]).into_owned();
+    head.lines().find_map(|line| line.strip_prefix(key)?.trim().parse().ok()).unwrap()
+}
+
+/// Sum over the notes of the points that were dropped, each of which must state the total.
+fn dropped(scan: &Scan, total: usize) -> usize {
+    let notes = scan.notes.iter().filter(|note| note.starts_with("dropped "));
+    notes
+        .map(|note| {
+            let words: Vec<&str> = note.split(' ').collect();
+            assert_eq!(words[3].parse(), Ok(total), "{note}");
+            words[1].parse::<usize>().unwrap()
+        })
+        .sum()
+}
+
+fn print(path: &Path, scan: &Scan) {
+    let view = &scan.views[0];
+    println!("{:7} {} | {:?} | {:?}", view.points_mm.len(), path.display(), scan.notes, scan.warnings);
+}
+
+#[test]
+fn every_real_cloud_has_the_points_of_its_header() {
+    let Some(real) = data("real") else { return };
+    for path in files(&real, &["pcd", "ply"]) {
+        let scan = read(&path);
+        print(&path, &scan);
+        let pcd = path.extension().is_some_and(|e| e == "pcd");
+        let total = in_header(&path, if pcd { "POINTS " } else { "element vertex " });
+        let sampled = scan.notes.iter().any(|note| note.starts_with("mesh of "));
+        assert!(
+            sampled || scan.views[0].points_mm.len() + dropped(&scan, total) == total,
+            "{}",
+            path.display()
+        );
+        assert!(scan.views[0].points_mm.iter().all(|p| p.coords.iter().all(|c| c.is_finite())));
+    }
+}
+
+#[test]
+fn every_real_mesh_and_depth_frame_is_read() {
+    let Some(real) = data("real") else { return };
+    for path in files(&real, &["stl", "obj", "png"]) {
+        let scan = read(&path);
+        print(&path, &scan);
+        let view = &scan.views[0];
+        assert!(view.points_mm.len() > 1000, "{}", path.display());
+        assert!(view.normals.is_empty() || view.normals.len() == view.points_mm.len());
+    }
+}
+
+#[test]
+fn neighbourhoods_of_csv_points_are_read() {
+    let Some(real) = data("real") else { return };
+    for name in ["1264.csv", "1278.csv"] {
+        let path = real.join("blackhorsewu+CoboWeld/src/coboweld_core/src/script").join(name);
+        let rows = std::fs::read_to_string(&path).unwrap().lines().count() - 1;
+        let scan = read(&path);
+        print(&path, &scan);
+        assert_eq!(scan.views[0].points_mm.len(), rows);
+    }
+}
+
+#[test]
+fn every_simulated_scan_has_a_view_for_each_pose() {
+    let Some(scans) = data("scans") else { return };
+    for path in files(&scans, &["json"]).into_iter().filter(|path| path.ends_with("scan.json")) {
+        let views = std::fs::read_to_string(&path).unwrap().matches("base_from_flange").count();
+        let scan = read(path.parent().unwrap());
+        print(&path, &scan);
+        assert_eq!((scan.views.len(), scan.warnings.len()), (views, 0), "{}", path.display());
+        assert_eq!(scan.inputs.len(), views + 1);
+    }
+}
+
+#[test]
+fn a_folder_of_depth_frames_takes_its_redwood_trajectory() {
+    let Some(real) = data("real") else { return };
+    let folder = real.join("isl-org+Open3D/examples/TestData/RGBD");
+    let scan = read(&folder);
+    assert_eq!(scan.views.len(), 5);
+    let first = &scan.views[0].base_from_camera.translation.vector;
+    assert!((first.z - 2_126.480_018).abs() < 1e-3 && (first.x + 310.579_970).abs() < 1e-3, "{first}");
+}
+
+#[test]
+fn clouds_of_known_frame_and_unit_are_taken_as_such() {
+    let Some(real) = data("real") else { return };
+    for (path, camera_known) in [
+        ("blackhorsewu+CoboWeld/src/coboweld_core/src/script/nodownsample.pcd", true),
+        ("blackhorsewu+CoboWeld/src/coboweld_core/src/script/3mmvoxel.pcd", true),
+        ("romi-lab+robotic-sealing/seam_tracking/T-Joint/RGB_D_PCD/pc0001.pcd", true),
+        ("PointCloudLibrary+pcl/test/table_scene_mug_stereo_textured.pcd", true),
+        ("pengrui-rio+welding-robot/pointcloud_dataset/driver_test_cloud.pcd", false),
+        ("pengrui-rio+welding-robot/pointcloud_dataset/Thu_Apr_2_10_14_30/3_frame.pcd", false),
+        ("abhinand4as+weld_seam_ros2/assets/lap_joint_test.pcd", false),
+        ("abhinand4as+weld_seam_ros2/assets/lap_joint_with_table.pcd", false),
+    ] {
+        let scan = read(&real.join(path));
+        assert_eq!(scan.views[0].camera_known, camera_known, "{path}");
+        assert!(scan.notes.iter().any(|note| note.starts_with("units: metres")), "{path}: {:?}", scan.notes);
+    }
+    let cad = read(&real.join("romi-lab+robotic-sealing/seam_tracking/T-Joint/Model_STL/T1.STL"));
+    assert!(cad.notes.iter().any(|note| note.starts_with("units: millimetres")), "{:?}", cad.notes);
+}

@@ -1,0 +1,218 @@
+//! `path.script` does on a robot what the plan says, and the checks below refuse a script that does not.
+
+use std::path::Path;
+
+use nalgebra::{Matrix3, Vector3};
+use weldpath::job::Job;
+use weldpath::postprocessing::{Output, postprocess};
+use weldpath::toolpath::program::{Kind, Waypoint};
+use weldpath_tests::plans;
+use weldpath_tests::urscript::{Event, Move, run};
+
+const JOB: &str = r#"
+[path]
+standoff_mm = 3
+[arc]
+output = 2
+gas_output = 5
+established_input = 1
+[tool]
+flange_from_tcp_mm = [0, -50, 300]
+flange_from_tcp_rotation_rad = [0, 0.5, 0]
+payload_kg = 2.5
+"#;
+
+fn job(text: &str) -> Job {
+    Job::parse(text, Path::new("job.toml")).unwrap()
+}
+
+fn output(job: &Job) -> Output {
+    postprocess(&plans::pipe_and_bend(), job, Default::default()).unwrap()
+}
+
+fn script(output: &Output) -> String {
+    let file = output.files.iter().find(|file| file.name == "path.script").unwrap();
+    String::from_utf8(file.bytes.clone()).unwrap()
+}
+
+/// All the rules at once; the first that is broken is named.
+fn check(script: &str, waypoints: &[Waypoint], job: &Job) -> Result<(), String> {
+    let events = run(script, true)?;
+    let moves: Vec<&Move> = events.iter().filter_map(a_move).collect();
+    poses_equal(&moves, waypoints)?;
+    blends(&moves, waypoints)?;
+    rotation_vectors_continue(&moves)?;
+    switching(&events, waypoints, job)?;
+    tool(&events, job)?;
+    let halts = || run(script, false).map(|events| events.last() == Some(&Event::Halt));
+    require(job.arc.established_input.is_none() || halts()?, || "welds without an arc".into())
+}
+
+fn a_move(event: &Event) -> Option<&Move> {
+    match event {
+        Event::Move(a_move) => Some(a_move),
+        _ => None,
+    }
+}
+
+fn require(condition: bool, what: impl FnOnce() -> String) -> Result<(), String> {
+    if condition { Ok(()) } else { Err(what()) }
+}
+
+fn poses_equal(moves: &[&Move], waypoints: &[Waypoint]) -> Result<(), String> {
+    require(moves.len() == waypoints.len(), || format!("{} moves", moves.len()))?;
+    for (i, (a_move, waypoint)) in moves.iter().zip(waypoints).enumerate() {
+        let away_mm = (a_move.position_m * 1e3 - waypoint.position_mm.coords).norm();
+        require(away_mm < 1e-4, || format!("move {i} ends {away_mm} mm away"))?;
+        // Tool (x, y, z) = (-o, m, -n).
+        let torch: Matrix3<f64> = waypoint.base_from_torch.to_rotation_matrix().into_inner();
+        let tool = Matrix3::from_columns(&[-torch.column(0), torch.column(1).into(), -torch.column(2)]);
+        let turned_rad = (a_move.rotation() - tool).norm() / std::f64::consts::SQRT_2;
+        require(turned_rad < 1e-4, || format!("move {i} is turned by {turned_rad} rad"))?;
+        let feed_off = (a_move.speed * 1e3 - waypoint.feed_mm_s).abs();
+        require(i == 0 || feed_off < 1e-6, || format!("move {i} has speed {}", a_move.speed))?;
+    }
+    Ok(())
+}
+
+fn blends(moves: &[&Move], waypoints: &[Waypoint]) -> Result<(), String> {
+    for i in 0..moves.len() {
+        let welded_on = i > 0 && waypoints[i].weld && waypoints[i - 1].weld;
+        let goes_on = waypoints.get(i + 1).is_some_and(|next| next.weld && welded_on);
+        require((moves[i].command == "movep") == welded_on, || {
+            format!("move {i} is a {}", moves[i].command)
+        })?;
+        let blend_m = moves[i].blend_m;
+        if goes_on {
+            let segment = |a: usize, b: usize| (moves[b].position_m - moves[a].position_m).norm();
+            let shorter = segment(i - 1, i).min(segment(i, i + 1));
+            require(blend_m < 0.5 * shorter, || format!("move {i}: blend {blend_m} of {shorter}"))?;
+            require(blend_m > 0.0, || format!("move {i} stops amid the seam"))?;
+        } else {
+            require(blend_m == 0.0, || format!("move {i} does not arrive: blend {blend_m}"))?;
+        }
+    }
+    Ok(())
+}
+
+/// A step of the vector is not longer than the rotation it stands for, but for the bending of its space.
+fn rotation_vectors_continue(moves: &[&Move]) -> Result<(), String> {
+    for (i, w) in moves.windows(2).enumerate() {
+        let step = (w[1].rotation_rad - w[0].rotation_rad).norm();
+        let turn = (w[1].rotation() - w[0].rotation()).norm();
+        require(step < 4.0 * turn + 1e-6, || format!("move {}: vector jumps by {step}, turn {turn}", i + 1))?;
+    }
+    Ok(())
+}
+
+/// The arc burns exactly between the first and the last waypoint of each seam, the gas before and after it.
+fn switching(events: &[Event], waypoints: &[Waypoint], job: &Job) -> Result<(), String> {
+    let (arc_output, gas_output) = (job.controller().arc.output, job.controller().arc.gas_output);
+    let (mut arc, mut gas, mut at) = (false, false, 0);
+    for event in events {
+        match event {
+            Event::Out(output, on) if *output == arc_output => {
+                let standing_on_seam = at > 0 && waypoints[at - 1].weld;
+                require(!on || standing_on_seam, || format!("arc struck off the seam, at {at}"))?;
+                require(!on || gas || gas_output.is_none(), || "arc without gas".into())?;
+                arc = *on;
+            }
+            Event::Out(output, on) if Some(*output) == gas_output => {
+                require(*on || !arc, || "gas off before the arc".into())?;
+                gas = *on;
+            }
+            Event::Out(output, _) => return Err(format!("output {output} is not ours")),
+            Event::Move(_) => {
+                let welding = at > 0 && waypoints[at].weld && waypoints[at - 1].weld;
+                require(arc == welding, || format!("move {at}: arc {arc}, welding {welding}"))?;
+                at += 1;
+            }
+            _ => {}
+        }
+    }
+    require(!arc && !gas, || "left burning".into())
+}
+
+fn tool(events: &[Event], job: &Job) -> Result<(), String> {
+    let first_move = events.iter().position(|event| a_move(event).is_some()).unwrap_or(events.len());
+    let Some(tool) = job.controller().tool else { return Ok(()) };
+    let [x, y, z] = tool.flange_from_tcp_mm.map(|v| v / 1e3);
+    let [rx, ry, rz] = tool.flange_from_tcp_rotation_rad;
+    let wanted = [Event::Tcp([x, y, z, rx, ry, rz]), Event::Payload(tool.payload_kg, [0.0; 3])];
+    require(wanted.iter().all(|w| events[..first_move].contains(w)), || "TCP or payload".into())
+}
+
+#[test]
+fn the_script_does_what_the_plan_says() {
+    for text in ["", JOB, "[path]\nspacing_mm = 0.7", "[path]\npoints = 40", "[arc]\noutput = 7"] {
+        let job = job(text);
+        let output = output(&job);
+        check(&script(&output), &output.program.waypoints, &job).unwrap();
+    }
+}
+
+#[test]
+fn the_tool_points_into_the_work_on_every_seam() {
+    let output = output(&job(JOB));
+    let events = run(&script(&output), true).unwrap();
+    let moves = events.iter().filter_map(a_move).zip(&output.program.waypoints);
+    for (a_move, waypoint) in moves.filter(|(_, waypoint)| waypoint.kind == Kind::Weld) {
+        let tool_z = a_move.rotation() * Vector3::z();
+        assert!(tool_z.z < -0.5, "both seams lie on a plate that faces up");
+        if waypoint.seam == Some(1) {
+            let to_axis = -Vector3::new(waypoint.position_mm.x, waypoint.position_mm.y, 0.0).normalize();
+            assert!((tool_z.dot(&to_axis) - 0.5f64.sqrt()).abs() < 1e-6, "45 degrees to the pipe");
+        }
+    }
+}
+
+#[test]
+fn an_arc_that_does_not_establish_halts_with_everything_off() {
+    let output = output(&job(JOB));
+    let events = run(&script(&output), false).unwrap();
+    assert_eq!(events.last(), Some(&Event::Halt));
+    let last = |channel| {
+        events.iter().rev().find_map(|event| match event {
+            Event::Out(output, on) if *output == channel => Some(*on),
+            _ => None,
+        })
+    };
+    assert_eq!((last(2), last(5)), (Some(false), Some(false)));
+    let welded = events.iter().filter_map(a_move).filter(|a_move| a_move.command == "movep").count();
+    assert_eq!(welded, 0, "no weld move without an arc");
+}
+
+#[test]
+fn a_mutated_script_is_refused() {
+    let job = job(JOB);
+    let output = output(&job);
+    let good = script(&output);
+    let seam_end = ", r=0.00000000)";
+    let blend =
+        good.lines().find(|line| line.contains("movep")).and_then(|line| line.rsplit("r=").next()).unwrap();
+    let mutations: [(&str, &str, &str); 14] = [
+        ("set_tcp(p[0.00000000", "set_tcp(p[0.00100000", "TCP"),
+        ("set_payload(2.5", "set_payload(3.5", "payload"),
+        ("set_standard_digital_out(2, True)", "set_standard_digital_out(3, True)", "not ours"),
+        ("set_standard_digital_out(2, True)", "", "arc false"),
+        ("set_standard_digital_out(5, True)", "", "without gas"),
+        ("sleep(0.3)\n  set_standard_digital_out(2, False)", "sleep(0.3)", "gas off"),
+        (seam_end, ", r=0.00040000)", "arrive"),
+        (", r=0.0007", ", r=0.0017", "blend"),
+        (blend, "0.0)", "stops"),
+        ("movep(p[", "movel(p[", "unknown call"),
+        ("movel(p[", "movel(p[1", "away"),
+        ("v=0.00800000", "v=0.80000000", "speed"),
+        ("waited_s = 0.0\n", "", "before it is set"),
+        ("end\n", "", "without end"),
+    ];
+    for (from, to, why) in mutations {
+        assert!(good.contains(from), "{from:?} is not in the script");
+        match check(&good.replacen(from, to, 1), &output.program.waypoints, &job) {
+            Err(refusal) => assert!(refusal.contains(why), "{from:?} -> {to:?}: {refusal}"),
+            Ok(()) => panic!("{from:?} -> {to:?} passes"),
+        }
+    }
+    let flipped = good.replacen(", -", ", ", 1);
+    assert!(check(&flipped, &output.program.waypoints, &job).is_err());
+}
