@@ -17,7 +17,7 @@ pub use pose::{Q15_ONE, Waypoint, WirePose};
 /// Protocol version; `Hello` carries it and a mismatch is refused with both numbers.
 pub const VERSION: u16 = 1;
 /// CRC-32 of the golden messages of [`VERSION`] in their order: it differs if two builds lay out a message differently.
-pub const SCHEMA: u32 = 0;
+pub const SCHEMA: u32 = 0x5446_5D23;
 
 /// Waypoints in a chunk at most.
 pub const MAX_CHUNK: usize = 8;

@@ -146,6 +146,7 @@ pub struct World {
     path_id: u16,
     boots: u32,
     streams: bool,
+    seen_loading: bool,
     stalled_until_us: u64,
     pressed_until_us: u64,
     arc_ticks: u32,
@@ -180,6 +181,7 @@ impl World {
             path_id: 0,
             boots: 1,
             streams: false,
+            seen_loading: false,
             stalled_until_us: 0,
             pressed_until_us: 0,
             arc_ticks: 0,
@@ -358,12 +360,14 @@ impl World {
 
     fn operate(&mut self, seen: &Telemetry) {
         let ours = seen.load.is_some_and(|load| load.path == self.path_id);
+        // Acks may overtake telemetry: only telemetry that follows telemetry tells that a path is gone.
+        self.seen_loading |= ours;
         match seen.state {
             State::Disabled | State::Idle if seen.finished == Some(self.path_id) => {
                 self.counts.finished += 1;
                 self.next_path();
             }
-            State::Disabled | State::Idle if self.host.progress().is_none_or(|load| load.next > 0) => {
+            State::Disabled | State::Idle if self.seen_loading || self.host.progress().is_none() => {
                 self.counts.ended += 1;
                 self.next_path();
             }
@@ -412,6 +416,7 @@ impl World {
         self.host.cancel_load();
         self.path_id = self.path_id.wrapping_add(1);
         self.streams = streamed;
+        self.seen_loading = false;
         self.path = path;
         assert!(self.host.load(begin(self.path_id, &self.path, streamed), &self.path), "a session is open");
         self.counts.begun += 1;
