@@ -55,7 +55,7 @@ mutant() {
 }
 
 red_tests() {
-    { grep -E "^    [a-z_:]+$" "$copy/log" || echo "    (timed out)"; } | sort -u | head -2 | xargs
+    { grep -E "^    [a-z0-9_:]+$" "$copy/log" || echo "    (timed out)"; } | sort -u | head -2 | xargs
 }
 
 report mutant outcome "tests that turn red (first two)"

@@ -32,7 +32,8 @@ pub fn pendant(boot: u32) -> Pendant<RING> {
 
 /// A path that winds through space, turns, welds in runs and changes its feed. Steps of 1 to 2 mm.
 pub fn winding_path(random: &mut Random, total: u32) -> Vec<Waypoint> {
-    let (mut position, mut heading) = ([0.4_f64, -0.2, 0.1].map(|m| m * 1e6), random.unit() * 6.28);
+    let (mut position, mut heading) =
+        ([0.4_f64, -0.2, 0.1].map(|m| m * 1e6), random.unit() * std::f64::consts::TAU);
     let (mut feed_um_s, mut weld) = (100_000, false);
     let mut waypoints = Vec::new();
     for index in 0..total {
