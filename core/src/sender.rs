@@ -121,6 +121,7 @@ pub struct Sender {
     rto: Rto,
     chunk_rto: Rto,
     ping_due_us: u64,
+    ping: Option<u32>,
     queue: Deque<(u16, Command), QUEUE>,
     tickets: u16,
     requests: u16,
@@ -143,6 +144,7 @@ impl Sender {
             rto: Rto::default(),
             chunk_rto: Rto::default(),
             ping_due_us: 0,
+            ping: None,
             queue: Deque::new(),
             tickets: 0,
             requests: 0,
@@ -169,6 +171,7 @@ impl Sender {
         self.upload = None;
         self.fault_seen = None;
         self.heard_tick = None;
+        self.ping = None;
         self.requests = 0;
     }
 
@@ -251,7 +254,10 @@ impl Sender {
             PendantMessage::Ack(ack) => self.acked(&ack, now_us),
             PendantMessage::ChunkRefused(refused) => self.chunk_refused(refused),
             PendantMessage::Pong { token } => {
-                self.rto.measured((now_us as u32).wrapping_sub(token));
+                // Of the last ping, and once: a doubled Pong would measure its own detour.
+                if self.ping.take_if(|sent| *sent == token).is_some() {
+                    self.rto.measured((now_us as u32).wrapping_sub(token));
+                }
                 Notice::Nothing
             }
             PendantMessage::FaultReport { number, fault } => {
@@ -362,7 +368,9 @@ impl Sender {
     fn poll_open(&mut self, now_us: u64, path: &[Waypoint]) -> Option<HostMessage> {
         if now_us >= self.ping_due_us {
             self.ping_due_us = now_us + PING_US;
-            return Some(HostMessage::Ping { token: now_us as u32 });
+            let token = now_us as u32;
+            self.ping = Some(token);
+            return Some(HostMessage::Ping { token });
         }
         if let Some(control) = self.poll_control(now_us) {
             return Some(control);

@@ -32,7 +32,8 @@ pub fn pendant(boot: u32) -> Pendant<RING> {
 
 /// A path that winds through space, turns, welds in runs and changes its feed. Steps of 1 to 2 mm.
 pub fn winding_path(random: &mut Random, total: u32) -> Vec<Waypoint> {
-    let (mut position, mut heading) = ([0.4_f64, -0.2, 0.1].map(|m| m * 1e6), random.unit() * 6.28);
+    let (mut position, mut heading) =
+        ([0.4_f64, -0.2, 0.1].map(|m| m * 1e6), random.unit() * std::f64::consts::TAU);
     let (mut feed_um_s, mut weld) = (100_000, false);
     let mut waypoints = Vec::new();
     for index in 0..total {
@@ -146,6 +147,7 @@ pub struct World {
     path_id: u16,
     boots: u32,
     streams: bool,
+    seen_loading: bool,
     stalled_until_us: u64,
     pressed_until_us: u64,
     arc_ticks: u32,
@@ -180,6 +182,7 @@ impl World {
             path_id: 0,
             boots: 1,
             streams: false,
+            seen_loading: false,
             stalled_until_us: 0,
             pressed_until_us: 0,
             arc_ticks: 0,
@@ -358,12 +361,14 @@ impl World {
 
     fn operate(&mut self, seen: &Telemetry) {
         let ours = seen.load.is_some_and(|load| load.path == self.path_id);
+        // Acks may overtake telemetry: only telemetry that follows telemetry tells that a path is gone.
+        self.seen_loading |= ours;
         match seen.state {
             State::Disabled | State::Idle if seen.finished == Some(self.path_id) => {
                 self.counts.finished += 1;
                 self.next_path();
             }
-            State::Disabled | State::Idle if self.host.progress().is_none_or(|load| load.next > 0) => {
+            State::Disabled | State::Idle if self.seen_loading || self.host.progress().is_none() => {
                 self.counts.ended += 1;
                 self.next_path();
             }
@@ -412,6 +417,7 @@ impl World {
         self.host.cancel_load();
         self.path_id = self.path_id.wrapping_add(1);
         self.streams = streamed;
+        self.seen_loading = false;
         self.path = path;
         assert!(self.host.load(begin(self.path_id, &self.path, streamed), &self.path), "a session is open");
         self.counts.begun += 1;

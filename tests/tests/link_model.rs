@@ -210,7 +210,7 @@ fn check_invariants(before: &Interlock, event: Event, inputs: &Inputs, after: &I
         assert!(phases.contains(&after.arc_phase()), "arc phase: {}", context());
     }
     assert!(!(outputs.gas && inputs.e_stop), "gas: {}", context());
-    assert!(!(outputs.wire && !outputs.arc), "wire: {}", context());
+    assert!(!outputs.wire || outputs.arc, "wire: {}", context());
     if inputs.e_stop {
         assert_eq!((after.state(), after.fault()), (Fault, Some(Fault::EStop)), "E-stop: {}", context());
     }

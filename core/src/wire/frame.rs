@@ -299,7 +299,7 @@ mod tests {
         let need = framed(b"payload").len();
         for len in 0..need {
             let mut out = std::vec![0; len];
-            assert_eq!(encode(&[b'p', b'a', b'y', b'l', b'o', b'a', b'd'], &mut out), Err(Full));
+            assert_eq!(encode(b"payload", &mut out), Err(Full));
         }
     }
 }
