@@ -1,6 +1,6 @@
 //! A few points with their neighbour lists: the edge scores where no spatial index fits.
 
-use super::{Ball, Neighbourhood, RatioThreshold, Tensor, gradient, intensity::asymmetry};
+use super::{Ball, Neighbourhood, RatioThreshold, Tensor, gradient, intensity::asymmetry_of};
 use crate::{Point, Vector, math};
 use heapless::Vec;
 
@@ -65,17 +65,15 @@ impl<const P: usize, const K: usize> Patch<P, K> {
     /// Intensities of all points, then gradients, which need their neighbours' intensities.
     fn measure(&mut self) {
         for (point, near) in self.points.iter().zip(&self.neighbours) {
-            let mut offsets_mm = Vec::<Vector, K>::new();
-            offsets_mm.extend(near.offsets_mm(&self.points, point));
-            let value = math::norm(&asymmetry(&offsets_mm, near.radius_mm));
+            let value = math::norm(&asymmetry_of(near.offsets_mm(&self.points, point), near.radius_mm));
             let _ = self.intensity.push(value);
         }
         for ((point, near), &own) in self.points.iter().zip(&self.neighbours).zip(&self.intensity) {
-            let mut offsets_mm = Vec::<Vector, K>::new();
-            offsets_mm.extend(near.offsets_mm(&self.points, point));
-            let differences =
-                near.indices.iter().map(|&k| self.intensity.get(usize::from(k)).map_or(0.0, |i| i - own));
-            let _ = self.gradient.push(gradient(offsets_mm.iter().zip(differences)));
+            let neighbours = near.indices.iter().filter_map(|&k| {
+                let k = usize::from(k);
+                Some((self.points.get(k)? - point, self.intensity.get(k)? - own))
+            });
+            let _ = self.gradient.push(gradient(neighbours));
         }
     }
 
