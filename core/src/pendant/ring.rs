@@ -191,17 +191,22 @@ impl<const N: usize, S: Slots> Ring<N, S> {
                 *slot = Slot { waypoint: *waypoint, ..Slot::EMPTY };
             }
         }
-        match (chunk.first - self.next) / u32::from(self.begin.chunk) {
+        match (chunk.first - self.next) / self.grid() {
             0 => self.join(len),
             ahead => self.sack |= 1u16.checked_shl(ahead - 1).unwrap_or(0),
         }
         Ok(Placed::New)
     }
 
+    /// Waypoints per chunk. Begin was checked for it; the compiler sees here that it is no zero to divide by.
+    fn grid(&self) -> u32 {
+        u32::from(self.begin.chunk).max(1)
+    }
+
     /// The chunk has the length that belongs to its index.
     fn check_grid(&self, chunk: &Chunk) -> Result<u32, Refusal> {
         let len = chunk.waypoints.len() as u32;
-        let grid = u32::from(self.begin.chunk);
+        let grid = self.grid();
         let rest = self.begin.total.saturating_sub(chunk.first);
         let fits = chunk.first.is_multiple_of(grid) && len > 0 && len == rest.min(grid);
         if fits { Ok(len) } else { Err((0, ChunkRefusal::Index)) }
@@ -227,7 +232,7 @@ impl<const N: usize, S: Slots> Ring<N, S> {
     fn is_stored(&self, first: u32) -> bool {
         match first.checked_sub(self.next) {
             None => true,
-            Some(ahead) => match ahead / u32::from(self.begin.chunk) {
+            Some(ahead) => match ahead / self.grid() {
                 0 => false,
                 chunks => self.sack.checked_shr(chunks - 1).unwrap_or(0) & 1 == 1,
             },
