@@ -40,6 +40,8 @@ elif [ -x /usr/bin/cargo ] && have_source /usr/bin/rustc && ld=$(linker); then
     way="Debian's toolchain, core built from its sources"
     core=-Zbuild-std=core
     cargo=/usr/bin/cargo
+    # Its clippy, too, and not rustup's.
+    export PATH="/usr/bin:$PATH"
     export RUSTC=/usr/bin/rustc RUSTDOC=/usr/bin/rustdoc CARGO_TARGET_THUMBV7EM_NONE_EABIHF_LINKER="$ld"
 else
     echo "firmware/build.sh: no toolchain here builds for $target. One of these makes one:" >&2

@@ -78,7 +78,14 @@ fn paths() {
 fn gestures() {
     let attitude = Attitude::from_roll_pitch_yaw(any());
     let frame = attitude.and_then(|attitude| {
-        HandFrame::new(any(), Point::new(any(), any(), any()), attitude, any(), any(), Fingers::from_bits(any()))
+        HandFrame::new(
+            any(),
+            Point::new(any(), any(), any()),
+            attitude,
+            any(),
+            any(),
+            Fingers::from_bits(any()),
+        )
     });
     black_box(frame);
 }

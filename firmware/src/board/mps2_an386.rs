@@ -212,10 +212,10 @@ unsafe extern "C" fn link_receive() {
 }
 
 unsafe extern "C" fn link_transmit() {
-    if LINK.can_send() {
-        if let Some(byte) = serial::LINK.next_to_send() {
-            LINK.send(byte);
-        }
+    if LINK.can_send()
+        && let Some(byte) = serial::LINK.next_to_send()
+    {
+        LINK.send(byte);
     }
 }
 

@@ -49,8 +49,9 @@ pub fn inputs() -> Inputs {
 
 /// Drives the lamps: a report when they change. If it finds no room, the next tick tries again.
 pub fn show(outputs: Outputs, tick: u32) {
-    #[allow(clippy::while_immutable_condition, clippy::empty_loop)]
-    while HANG.load(Relaxed) {}
+    while HANG.load(Relaxed) {
+        core::hint::spin_loop();
+    }
     let Outputs { arc, gas, motion, wire } = outputs;
     let code = [wire, motion, gas, arc].iter().fold(0b1000, |bits, &on| bits << 1 | u8::from(on));
     if SHOWN.load(Relaxed) != code && report(code, tick) {
