@@ -31,7 +31,9 @@ fn main() -> ! {
     edge_scores(&watch);
     link(&watch);
     debug::exit(debug::EXIT_SUCCESS);
-    loop {}
+    loop {
+        cortex_m::asm::wfi();
+    }
 }
 
 fn print(name: &str, instructions: u32) {
@@ -91,7 +93,11 @@ fn edge_scores(watch: &Stopwatch) {
     let patch = WORKSPACE.take();
     let point = |k: usize| {
         let (x, v) = ((k % 8) as f32, (k / 16) as f32 + 0.5);
-        if k / 8 % 2 == 0 { Point::new(x, v, 0.01 * k as f32) } else { Point::new(x, 0.01 * k as f32, v) }
+        if (k / 8).is_multiple_of(2) {
+            Point::new(x, v, 0.01 * k as f32)
+        } else {
+            Point::new(x, 0.01 * k as f32, v)
+        }
     };
     let points: [Point; MAX_PATCH] = black_box(core::array::from_fn(point));
     let (Some(ball), Some(threshold)) = (Ball::new(20.0, Ball::LEAST), RatioThreshold::new(53.0)) else {
@@ -133,8 +139,8 @@ fn link(watch: &Stopwatch) {
     host.command(&mut pendant, Command::Commit { path: 1, digest });
     host.command(&mut pendant, Command::Start { path: 1 });
     let (mut moved, mut ticks) = (0, 0);
-    for run in 0..1000 {
-        if run % 50 == 0 {
+    for run in 0..1000_u32 {
+        if run.is_multiple_of(50) {
             host.say(&mut pendant, HostMessage::Ping { token: run });
         }
         ticks += watch.instructions(|| moved += u32::from(pendant.tick(&gripped).set_point.is_some()));

@@ -45,7 +45,9 @@ fn main() -> ! {
     link(any(), any(), any());
     #[cfg(feature = "negative-control")]
     black_box(any::<&[u32]>()[any::<usize>()]);
-    loop {}
+    loop {
+        cortex_m::asm::wfi();
+    }
 }
 
 #[inline(never)]

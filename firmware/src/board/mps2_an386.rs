@@ -226,10 +226,10 @@ unsafe extern "C" fn panel_receive() {
 }
 
 unsafe extern "C" fn panel_transmit() {
-    if PANEL.can_send() {
-        if let Some(byte) = panel::next_to_send() {
-            PANEL.send(byte);
-        }
+    if PANEL.can_send()
+        && let Some(byte) = panel::next_to_send()
+    {
+        PANEL.send(byte);
     }
 }
 
