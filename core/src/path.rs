@@ -1,6 +1,7 @@
 //! Torch poses along a seam (paper II-F).
 
 pub mod interpolation;
+pub mod torch;
 
 use heapless::Vec;
 

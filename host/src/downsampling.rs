@@ -4,25 +4,84 @@
 
 use crate::cloud::{Merged, PointCloud};
 use crate::grid::Grid;
-use crate::normals::{Cells, Moments};
+use crate::normals::{Cells, Moments, Patches, median};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
-/// How the voxel grid is laid.
+/// How the voxel grid is laid: the larger of two lengths.
 #[derive(Debug, Clone, Copy)]
 pub struct Config {
-    /// Edge of a voxel in mean spacings of the merged cloud.
+    /// Edge of a voxel in mean spacings of a view; the paper's "multiple of the average distance".
     pub spacings: f32,
-    /// Edge of a voxel in standard deviations of the noise, if that is more.
-    pub noises: f32,
-    /// Edge of a voxel as a share of the cloud's diagonal, if that is more.
+    /// Edge of a voxel that resolves the plate edges and bevels of arc welding, mm, if that is more.
+    pub feature_mm: f32,
+    /// The same on small work, as a share of its extent.
     pub share_of_extent: f32,
 }
 
 impl Default for Config {
     fn default() -> Self {
-        Self { spacings: 1.5, noises: 3.2, share_of_extent: 1.0 / 600.0 }
+        Self { spacings: 1.3, feature_mm: 1.2, share_of_extent: 1.0 / 120.0 }
     }
+}
+
+/// Sizes that follow from the data.
+#[derive(Debug, Clone, Copy)]
+pub struct Scale {
+    /// Edge of a voxel, mm.
+    pub edge_mm: f32,
+    /// Points that a voxel must hold.
+    pub least: u32,
+    /// Mean spacing of a view's points, mm.
+    pub spacing_mm: f32,
+    /// Noise of the points, mm.
+    pub noise_mm: f32,
+    /// Which of the lengths decided `edge_mm`.
+    pub how: &'static str,
+}
+
+impl Scale {
+    /// Derives the sizes from the views' patches and the extent of the cloud.
+    pub fn of(merged: &Merged, patches: &[Patches], config: &Config) -> Self {
+        let middle = |f: fn(&Patches) -> f32| median(&mut patches.iter().map(f).collect::<Vec<_>>());
+        let (spacing_mm, noise_mm) = (middle(|p| p.spacing_mm), middle(|p| p.noise_mm));
+        let small_mm = config.share_of_extent * extent_mm(merged);
+        let sizes = [
+            (config.spacings * spacing_mm, "1.3 x mean spacing"),
+            if small_mm < config.feature_mm {
+                (small_mm, "extent / 120")
+            } else {
+                (config.feature_mm, "what resolves plate edges and bevels")
+            },
+        ];
+        let (edge_mm, how) = sizes.into_iter().max_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((1.0, "fixed"));
+        let edge_mm = edge_mm.max(1e-3);
+        // A voxel of a surface that one view saw holds about this many points.
+        let usual = (edge_mm / spacing_mm.max(1e-6)).powi(2) * (merged.cameras_mm.len() as f32).sqrt();
+        let least = if usual > 4.5 { 3 } else if usual > 3.0 { 2 } else { 1 };
+        Self { edge_mm, least, spacing_mm, noise_mm, how }
+    }
+
+    /// Widths of the bilateral filter for these voxels.
+    pub fn bilateral(&self) -> crate::denoising::Config {
+        crate::denoising::Config {
+            radius_mm: 3.0 * self.edge_mm,
+            distance_mm: 1.5 * self.edge_mm,
+            height_mm: (1.7 * self.noise_mm).max(0.05 * self.edge_mm),
+        }
+    }
+}
+
+/// Diagonal of the box that holds the middle four fifths of the points on each axis, mm: free of outliers.
+fn extent_mm(merged: &Merged) -> f32 {
+    let step = (merged.points_mm.len() / 20_000).max(1);
+    let span = |axis: usize| {
+        let mut v: Vec<f32> = merged.points_mm.iter().step_by(step).map(|p| p[axis]).collect();
+        v.sort_unstable_by(f32::total_cmp);
+        let cut = v.len() / 10;
+        v.get(v.len().saturating_sub(1 + cut)).unwrap_or(&0.0) - v.get(cut).unwrap_or(&0.0)
+    };
+    Vector3::new(span(0), span(1), span(2)).norm()
 }
 
 /// A thinned cloud.

@@ -235,7 +235,7 @@ impl Job {
                 pipeline::Method::Paper { ratio_threshold }
             }
         };
-        pipeline::Config { method }
+        pipeline::Config { method, ..pipeline::Config::default() }
     }
 
     /// How densely the paths are sampled.

@@ -5,6 +5,7 @@
 #![forbid(unsafe_code)]
 
 pub mod cloud;
+pub mod denoising;
 pub mod downsampling;
 pub mod evaluation;
 pub mod export;

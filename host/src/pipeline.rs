@@ -1,8 +1,11 @@
 //! The method on one page: the paper's Fig. 1 from views to torch paths.
 
-use crate::cloud::{PointCloud, View};
+use crate::cloud::{Merged, PointCloud, View};
+pub use crate::reconstruction::ViewReport;
 use crate::seam::Seam;
 use crate::toolpath::SeamPath;
+use crate::{denoising, downsampling, normals, reconstruction, seam};
+use std::time::Instant;
 
 /// How seams are found.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -22,25 +25,14 @@ pub enum Method {
 pub struct Config {
     /// How seams are found.
     pub method: Method,
-}
-
-/// How one view was registered.
-#[derive(Debug, Clone)]
-pub struct ViewReport {
-    /// [`View::name`].
-    pub name: String,
-    /// Share of the overlapping points with a neighbour nearer than 2 mm, at the kinematic pose.
-    pub fitness_before: f64,
-    /// The same after registration.
-    pub fitness_after: f64,
-    /// The same after each iteration.
-    pub fitness_per_iteration: Vec<f64>,
-    /// How far the view was moved: mm at its centroid, degrees.
-    pub moved_mm: f64,
-    /// Rotation of the correction, degrees.
-    pub moved_deg: f64,
-    /// One standard deviation of its position at the work that remains, mm, in the worst direction.
-    pub uncertainty_mm: f64,
+    /// Normals per view.
+    pub normals: normals::Config,
+    /// Registration of the views.
+    pub reconstruction: reconstruction::Config,
+    /// Voxel grid.
+    pub downsampling: downsampling::Config,
+    /// Seams and their refinement.
+    pub seam: seam::Config,
 }
 
 /// What [`plan`] found.
@@ -98,8 +90,83 @@ pub trait Observer {
 
 impl Observer for () {}
 
-/// From views to torch paths.
+/// From views to torch paths: the paper's Fig. 1, one line per stage.
 pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Result<Plan, Error> {
-    let _ = (views, config, observer);
-    Err(Error::NoSeam { reason: "the pipeline is not built yet".into() })
+    let mut clock = Clock::default();
+    observer.stage("normals");
+    let patches = clock.time("normals", || normals::of_views(views, &config.normals));
+    observer.stage("reconstruction");
+    let registration =
+        clock.time("reconstruction", || reconstruction::register(views, &patches, &config.reconstruction));
+    let merged = clock.time("merge", || Merged::new(views, &registration.base_from_camera));
+    observer.stage("downsampling");
+    let scale = downsampling::Scale::of(&merged, &patches, &config.downsampling);
+    let voxels = clock.time("downsampling", || downsampling::voxel_grid(&merged, scale.edge_mm, scale.least));
+    observer.cloud("downsampling", &voxels.cloud);
+    observer.stage("denoising");
+    let model = clock.time("denoising", || denoising::bilateral(&voxels.cloud, &scale.bilateral()));
+    observer.cloud("denoising", &model);
+    if model.len() < MIN_POINTS {
+        return Err(no_seam(format!("{} voxels are too few for two faces; at least {MIN_POINTS} are needed", model.len())));
+    }
+    observer.stage("seam");
+    let input = seam::Input {
+        merged: &merged,
+        voxels: &voxels,
+        model: &model,
+        registration: Some(&registration),
+        whole_views: views.len() > 1 && views.iter().all(|v| v.camera_known),
+    };
+    let found = match config.method {
+        Method::Weldpath => clock.time("seam", || seam::find(&input, &config.seam)),
+        Method::Paper { ratio_threshold } => clock.time("seam", || seam::paper::find(&input, ratio_threshold)),
+    };
+    if found.seams.is_empty() {
+        return Err(no_seam(found.reason));
+    }
+    observer.stage("toolpath");
+    let paths = clock.time("toolpath", || found.seams.iter().map(SeamPath::along).collect());
+    let reports = if views.len() > 1 { registration.report(views) } else { Vec::new() };
+    let mut warnings = registration.warnings(views, &patches);
+    warnings.extend(found.warnings);
+    let derived = derived(&scale, found.gate);
+    Ok(Plan { model, seams: found.seams, paths, views: reports, derived, stage_s: clock.stages, warnings })
+}
+
+/// Fewer voxels than this cannot make two faces.
+const MIN_POINTS: usize = 40;
+
+/// The sizes that were derived from the data, for the summary.
+fn derived(scale: &downsampling::Scale, gate: f32) -> Vec<Derived> {
+    let row = |name, value: f32, how| Derived { name, value: f64::from(value), how };
+    let filter = scale.bilateral();
+    vec![
+        row("spacing_mm", scale.spacing_mm, "mean distance to the nearest neighbour within a view"),
+        row("noise_mm", scale.noise_mm, "lower quartile of the deviation of points from the planes fitted to them"),
+        row("voxel_mm", scale.edge_mm, scale.how),
+        row("voxel_points", scale.least as f32, "points a voxel must hold, from the usual number"),
+        row("bilateral_radius_mm", filter.radius_mm, "3 voxels"),
+        row("bilateral_distance_mm", filter.distance_mm, "1.5 voxels"),
+        row("bilateral_height_mm", filter.height_mm, "1.7 x noise"),
+        row("intensity_gate", gate, "1.8 x median intensity, at least 0.1"),
+    ]
+}
+
+fn no_seam(reason: String) -> Error {
+    Error::NoSeam { reason }
+}
+
+/// Wall time of each stage.
+#[derive(Default)]
+struct Clock {
+    stages: Vec<(&'static str, f64)>,
+}
+
+impl Clock {
+    fn time<T>(&mut self, stage: &'static str, work: impl FnOnce() -> T) -> T {
+        let begin = Instant::now();
+        let done = work();
+        self.stages.push((stage, begin.elapsed().as_secs_f64()));
+        done
+    }
 }

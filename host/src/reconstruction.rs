@@ -36,7 +36,7 @@ impl Default for Config {
             prior_mm: 1.5,
             prior_rad: 0.008,
             fitness_mm: 2.0,
-            sample: std::env::var("SM").ok().and_then(|v| v.parse().ok()).unwrap_or(4000),
+            sample: 4000,
         }
     }
 }
@@ -72,7 +72,79 @@ impl Registration {
     }
 }
 
-/// Registers views, given their patches in camera frames.
+/// How one view was registered.
+#[derive(Debug, Clone)]
+pub struct ViewReport {
+    /// [`View::name`].
+    pub name: String,
+    /// Share of the overlapping points with a neighbour nearer than 2 mm, at the kinematic pose.
+    pub fitness_before: f64,
+    /// The same after registration.
+    pub fitness_after: f64,
+    /// The same after each iteration.
+    pub fitness_per_iteration: Vec<f64>,
+    /// How far the view was moved: mm at its centroid, degrees.
+    pub moved_mm: f64,
+    /// Rotation of the correction, degrees.
+    pub moved_deg: f64,
+    /// One standard deviation of its position at the work that remains, mm, in the worst direction.
+    pub uncertainty_mm: f64,
+}
+
+/// Registers views, given their patches in camera frames; at least one view.
 pub fn register(views: &[View], patches: &[Patches], config: &Config) -> Registration {
     icp::Problem::new(views, patches, config).solve(config)
+}
+
+/// Share of aligned patches below which a view counts as not registered.
+const POOR_FITNESS: f64 = 0.35;
+
+impl Registration {
+    /// One report per view.
+    pub fn report(&self, views: &[View]) -> Vec<ViewReport> {
+        views
+            .iter()
+            .enumerate()
+            .map(|(k, view)| {
+                let done = self.base_from_camera[k] * view.base_from_camera.inverse();
+                let (sd_mm, _) = self.loosest(k);
+                ViewReport {
+                    name: view.name.clone(),
+                    fitness_before: self.fitness[k].first().copied().unwrap_or(0.0),
+                    fitness_after: self.fitness[k].last().copied().unwrap_or(0.0),
+                    fitness_per_iteration: self.fitness[k].clone(),
+                    moved_mm: (done * self.centre_mm - self.centre_mm).norm(),
+                    moved_deg: done.rotation.angle().to_degrees(),
+                    uncertainty_mm: sd_mm,
+                }
+            })
+            .collect()
+    }
+
+    /// Largest standard deviation of a view's translation at the centre of the work, mm, and its direction.
+    pub fn loosest(&self, view: usize) -> (f64, Vector3<f64>) {
+        let translation = self.covariance_of(view).fixed_view::<3, 3>(3, 3).into_owned();
+        let eigen = translation.symmetric_eigen();
+        let k = eigen.eigenvalues.imax();
+        (eigen.eigenvalues[k].max(0.0).sqrt(), eigen.eigenvectors.column(k).into_owned())
+    }
+
+    /// What the user should know about the registration.
+    pub fn warnings(&self, views: &[View], patches: &[Patches]) -> Vec<String> {
+        let mut warnings = Vec::new();
+        for (k, view) in views.iter().enumerate().filter(|_| views.len() > 1) {
+            let fitness = self.fitness[k].last().copied().unwrap_or(0.0);
+            if patches[k].cloud.len() < 100 {
+                warnings.push(format!("{} shows almost nothing and was not registered", view.name));
+            } else if fitness < POOR_FITNESS {
+                let percent = 100.0 * fitness;
+                warnings.push(format!(
+                    "{} could not be registered: only {percent:.0} % of it lies on the other views; check its pose, or \
+                     leave it out",
+                    view.name
+                ));
+            }
+        }
+        warnings
+    }
 }

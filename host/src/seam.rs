@@ -3,13 +3,21 @@
 pub mod chain;
 pub mod corner;
 pub mod edges;
+pub mod expected;
 pub mod face;
+pub mod joint;
+pub mod paper;
 pub mod refine;
 pub mod section;
 pub mod smooth;
 pub mod support;
 
+use crate::cloud::{Merged, PointCloud};
+use crate::downsampling::Voxels;
+use crate::grid::Grid;
+use crate::reconstruction::Registration;
 use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// Joint type of a seam; the names are the same in files, options and messages.
@@ -92,25 +100,91 @@ impl Seam {
     }
 }
 
-/// Corners of a cloud: the candidates that pass the gate, moved onto the line in which their faces meet.
-pub fn corners(
-    voxels: &crate::downsampling::Voxels,
-    scores: &edges::Scores,
-    config: &corner::Config,
-) -> Vec<corner::Corner> {
-    use crate::grid::Grid;
-    use rayon::prelude::*;
-    let v = voxels.edge_mm;
+/// Settings of the steps from cloud to seams, in their order.
+#[derive(Debug, Clone, Default)]
+pub struct Config {
+    /// Two faces about a candidate.
+    pub corner: corner::Config,
+    /// Stringing corners together.
+    pub chain: chain::Config,
+    /// Refinement on the raw points.
+    pub refine: refine::Config,
+}
+
+/// What the steps before the seams hand over.
+pub struct Input<'a> {
+    /// All raw points.
+    pub merged: &'a Merged,
+    /// The thinned cloud.
+    pub voxels: &'a Voxels,
+    /// The thinned cloud, denoised, in the same order.
+    pub model: &'a PointCloud,
+    /// Where the views are, if there are several.
+    pub registration: Option<&'a Registration>,
+    /// Whether the cloud is a scan of cameras whose whole view is kept, so that a table would be in it.
+    pub whole_views: bool,
+}
+
+/// Seams and what was left out on the way.
+#[derive(Debug, Clone, Default)]
+pub struct Found {
+    /// In the order of the weld, numbered from 1.
+    pub seams: Vec<Seam>,
+    /// What the user should know.
+    pub warnings: Vec<String>,
+    /// Why there is no seam, if there is none.
+    pub reason: String,
+    /// Intensity gate, for the report.
+    pub gate: f32,
+}
+
+/// Weldable seams of a cloud (paper II-E, and beyond it: several seams, types, order, accuracy below the voxel).
+pub fn find(input: &Input, config: &Config) -> Found {
+    let v = input.voxels.edge_mm;
+    let grid = Grid::new(&input.model.points_mm, 4.0 * v);
+    let scores = edges::score(input.voxels, input.model, &grid, 4.0 * v);
+    let corners = corners(input, &scores, &config.corner);
+    let table = support::find(input.voxels);
+    let (on_table, off_table): (Vec<_>, Vec<_>) = corners.into_iter().partition(|c| {
+        table.is_some_and(|t| c.faces.iter().any(|face| t.is_face(face, &c.position)))
+    });
+    let mut found = Found { gate: scores.gate, ..Found::default() };
+    let mut chains = chain::trace(&off_table, v, &config.chain);
+    if chains.is_empty() && !input.whole_views {
+        // A cropped cloud has no table in it: its lowest plane is part of the work.
+        chains = chain::trace(&on_table, v, &config.chain);
+    }
+    let seams = chains.iter().filter_map(|chain| {
+        let refined = refine::refine(input.merged, chain, v, &config.refine)?;
+        Some((chain, refined))
+    });
+    let measured: Vec<(&chain::Chain, refine::Refined)> = seams.collect();
+    let most_mm = config.refine.reach * v;
+    found.seams = measured.iter().map(|(chain, seam)| describe(input, chain, seam, &grid, most_mm)).collect();
+    mark_branches(&mut found.seams, 6.0 * f64::from(v));
+    order(&mut found.seams);
+    found.reason = match (on_table.is_empty(), off_table.is_empty()) {
+        (false, true) => "the only inside corners are where the work rests on the table".into(),
+        (_, false) => "no inside corner is long and steady enough to be a seam".into(),
+        _ => "there is no inside corner between two faces".into(),
+    };
+    found
+}
+
+/// The candidates that pass the gate, moved onto the line in which their faces meet.
+fn corners(input: &Input, scores: &edges::Scores, config: &corner::Config) -> Vec<corner::Corner> {
+    let v = input.voxels.edge_mm;
     let radius = config.radius_voxels * v;
-    let grid = Grid::new(&voxels.cloud.points_mm, 0.5 * radius);
-    let normals: Vec<_> = (0..grid.len()).map(|s| voxels.cloud.normals[grid.index(s)]).collect();
-    let candidates: Vec<usize> = (0..voxels.cloud.len())
+    let cloud = &input.voxels.cloud;
+    let grid = Grid::new(&cloud.points_mm, 0.5 * radius);
+    let normals: Vec<_> = (0..grid.len()).map(|s| cloud.normals[grid.index(s)]).collect();
+    let candidates: Vec<usize> = (0..cloud.len())
         .filter(|&k| scores.intensity[k] > scores.gate && scores.concavity[k] > 0.6 * scores.gate)
         .collect();
     candidates
         .par_iter()
         .map_init(Vec::new, |near, &k| {
-            let at = voxels.cloud.points_mm[k];
+            let at = cloud.points_mm[k];
             corner::surroundings(&grid, &normals, &at, radius, near);
             let (mut found, foot) = corner::fit(near, v, config)?;
             found.position = at + foot;
@@ -118,4 +192,89 @@ pub fn corners(
         })
         .flatten()
         .collect()
+}
+
+/// A refined chain as a seam.
+fn describe(input: &Input, chain: &chain::Chain, seam: &refine::Refined, grid: &Grid, most_mm: f32) -> Seam {
+    let section = joint::section(seam, input.model, grid, input.voxels.edge_mm, most_mm);
+    let (joint, reason) = joint::classify(&section, seam.closed);
+    let expected = expected::expect(seam, input.merged, input.registration);
+    let measured = seam.measured.iter().filter(|m| **m).count() as f64 / seam.measured.len() as f64;
+    let density = chain.support as f64 / (3.0 * chain.links.len() as f64);
+    let stations = seam
+        .frames
+        .iter()
+        .map(|f| Station {
+            position_mm: input.merged.origin_mm + f.position.coords.cast::<f64>(),
+            tangent: f.tangent.cast(),
+            faces: f.faces.map(|n| n.cast()),
+        })
+        .collect();
+    let mut warnings = Vec::new();
+    let bridged_mm = longest_gap(&seam.measured) as f64 * f64::from(seam.step_mm);
+    if bridged_mm > 4.0 {
+        warnings.push(format!("{bridged_mm:.0} mm were bridged without points: scan that part again"));
+    }
+    Seam {
+        id: 0,
+        joint,
+        reason,
+        stations,
+        closed: seam.closed,
+        confidence: (measured * density.min(1.0) * f64::from(chain.share / 0.8).min(1.0)).clamp(0.0, 1.0),
+        expected_error_mm: expected.position_mm,
+        expected_error_deg: expected.orientation_rad.to_degrees(),
+        warnings,
+    }
+}
+
+/// Most stations in a row that were not measured.
+fn longest_gap(measured: &[bool]) -> usize {
+    measured.split(|m| *m).map(<[bool]>::len).max().unwrap_or(0)
+}
+
+/// Open seams of which an end meets the ends of two others are branches.
+fn mark_branches(seams: &mut [Seam], near_mm: f64) {
+    let ends: Vec<Vec<Point3<f64>>> = seams
+        .iter()
+        .map(|s| match (s.closed, s.stations.first(), s.stations.last()) {
+            (false, Some(a), Some(b)) => vec![a.position_mm, b.position_mm],
+            _ => Vec::new(),
+        })
+        .collect();
+    let meets = |k: usize, end: &Point3<f64>| {
+        let near = |other: &Vec<Point3<f64>>| other.iter().any(|e| (e - end).norm() < near_mm);
+        (0..ends.len()).filter(|&j| j != k && near(&ends[j])).count()
+    };
+    for (k, mine) in ends.iter().enumerate() {
+        if let Some(others) = mine.iter().map(|e| meets(k, e)).max().filter(|&n| n >= 2) {
+            let was = std::mem::replace(&mut seams[k].joint, Joint::Branch);
+            seams[k].reason = format!("{}; meets {others} others in a junction ({})", seams[k].reason, was.name());
+        }
+    }
+}
+
+/// Longest first, then always the seam that begins or ends nearest to where the torch is; numbers them.
+fn order(seams: &mut Vec<Seam>) {
+    let mut left = std::mem::take(seams);
+    left.sort_by(|a, b| b.length_mm().total_cmp(&a.length_mm()));
+    let mut torch: Option<Point3<f64>> = None;
+    while !left.is_empty() {
+        let ends = |s: &Seam| {
+            let first = s.stations.first().map_or(Point3::origin(), |x| x.position_mm);
+            let last = s.stations.last().map_or(first, |x| x.position_mm);
+            (first, if s.closed { first } else { last })
+        };
+        let away = |s: &Seam| torch.map_or(0.0, |t| (ends(s).0 - t).norm().min((ends(s).1 - t).norm()));
+        let next = (0..left.len()).min_by(|&a, &b| away(&left[a]).total_cmp(&away(&left[b]))).unwrap_or(0);
+        let mut seam = left.remove(next);
+        let (first, last) = ends(&seam);
+        if torch.is_some_and(|t| (last - t).norm() < (first - t).norm()) {
+            seam.stations.reverse();
+            seam.stations.iter_mut().for_each(|s| s.tangent = -s.tangent);
+        }
+        torch = Some(ends(&seam).1);
+        seam.id = seams.len() + 1;
+        seams.push(seam);
+    }
 }

@@ -40,7 +40,7 @@ pub struct Simulated {
     pub views: Vec<SimulatedView>,
     /// Seams and true camera poses.
     pub truth: Truth,
-    /// How [`write`] stores the views.
+    /// How [`write()`] stores the views.
     pub format: Format,
 }
 
@@ -84,8 +84,10 @@ pub fn simulate(request: &Request) -> Result<Simulated, Error> {
     let Stage { scene, base_from_camera, truth } = stage(request)?;
     let camera = Camera::with_size(request.width, request.height);
     let flange_from_camera = placement::flange_from_camera();
+    // Pieces with the same seed do not share their noise: errors over many pieces are to be independent.
+    let seed = random::Stream::new(request.seed, request.part.name(), 2).next();
     let view = |(i, pose): (usize, &Isometry3<f64>)| SimulatedView {
-        image: camera.capture(&scene, pose, request.noise, request.seed, i as u64),
+        image: camera.capture(&scene, pose, request.noise, seed, i as u64),
         base_from_flange: placement::reported(pose, request, i),
     };
     let views = base_from_camera.iter().enumerate().map(view).collect();

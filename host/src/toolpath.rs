@@ -7,6 +7,7 @@ pub mod air;
 pub mod program;
 pub mod resampling;
 pub mod standoff;
+pub mod torch;
 
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 

@@ -57,7 +57,8 @@ pub fn fitness(
     near_mm: f64,
     overlap_mm: f64,
 ) -> Option<f64> {
-    let cell = |p: &Vector3<f64>| p.map(|x| (x / overlap_mm).floor() as i64);
+    // Clamped so that a neighbour's index cannot overflow, whatever the coordinates.
+    let cell = |p: &Vector3<f64>| p.map(|x| (x / overlap_mm).floor().clamp(-1e15, 1e15) as i64);
     let mut grid: HashMap<Vector3<i64>, Vec<Vector3<f64>>> = HashMap::new();
     for point in target_mm {
         grid.entry(cell(point)).or_default().push(*point);

@@ -18,6 +18,8 @@ pub struct PathSet {
 
 /// Without a seam column, a step longer than this begins another path, mm.
 const GAP_MM: f64 = 15.0;
+/// A path has at most this many points: scoring compares each with every true station.
+const MAX_POINTS: usize = 200_000;
 const POSITION: [&str; 3] = ["x_mm", "y_mm", "z_mm"];
 const QUATERNION: [&str; 4] = ["qw", "qx", "qy", "qz"];
 const ROTATION_VECTOR: [&str; 3] = ["rx", "ry", "rz"];
@@ -43,6 +45,9 @@ impl PathSet {
         for record in reader.records() {
             let record = record.map_err(|e| malformed("row".into(), e.to_string()))?;
             let line = record.position().map_or(0, csv::Position::line);
+            if paths.points_mm.len() == MAX_POINTS {
+                return Err(malformed(format!("line {line}"), format!("more than {MAX_POINTS} points")));
+            }
             paths.push(&record, &columns).map_err(|reason| malformed(format!("line {line}"), reason))?;
         }
         Ok(paths)

@@ -52,7 +52,9 @@ fn raster(points_mm: &[[f64; 3]], axes: [usize; 2], low: [f64; 3], cell_mm: f64)
 /// Scores of one plane; neither set is empty.
 fn compare(found: &Cells, truth: &Cells) -> F1 {
     let near = |cell: &&[i64; 2], other: &Cells| {
-        (-1..=1).any(|u| (-1..=1).any(|v| other.contains(&[cell[0] + u, cell[1] + v])))
+        (-1..=1).any(|u| {
+            (-1..=1).any(|v| other.contains(&[cell[0].saturating_add(u), cell[1].saturating_add(v)]))
+        })
     };
     let met = truth.iter().filter(|cell| near(cell, found)).count() as f64;
     let right = found.iter().filter(|cell| near(cell, truth)).count() as f64;

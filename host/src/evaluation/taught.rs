@@ -2,7 +2,7 @@
 
 use super::Error;
 use super::path_set::PathSet;
-use super::truth::{Truth, TruthSeam};
+use super::truth::{MAX_STATIONS, Truth, TruthSeam};
 use nalgebra::{Matrix3, Vector3};
 use std::path::Path;
 
@@ -48,6 +48,9 @@ pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<Truth, Error> {
 
 fn seam(name: String, taught: &[(Vector3<f64>, Matrix3<f64>)]) -> Result<TruthSeam, String> {
     let length: f64 = taught.windows(2).map(|w| (w[1].0 - w[0].0).norm()).sum();
+    if length / SPACING_MM + taught.len() as f64 > MAX_STATIONS as f64 {
+        return Err(format!("is {length:.0} mm long with {} points: too much for one seam", taught.len()));
+    }
     let (Some(first), Some(last)) = (taught.first(), taught.last()) else {
         return Err("has no point".into());
     };

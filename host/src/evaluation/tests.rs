@@ -241,3 +241,33 @@ fn a_taught_path_serves_as_truth() {
         taught::parse(empty.as_bytes(), Path::new("t.csv")).unwrap_err().to_string().contains("no point")
     );
 }
+
+#[test]
+fn a_file_cut_anywhere_is_read_or_refused_but_never_a_panic() {
+    let json = serde_json::to_vec(&straight()).unwrap();
+    for end in (0..json.len() - 1).step_by(13) {
+        assert!(Truth::parse(&json[..end], Path::new("truth.json")).is_err());
+    }
+    let csv = b"seam,x_mm,y_mm,z_mm,qw,qx,qy,qz\n1,10,20,30,1,0,0,0\n1,12,20,30,1,0,0,0\n\xff\xfe,1e999,,,";
+    for end in 0..=csv.len() {
+        let path = Path::new("path.csv");
+        if let Ok(paths) = PathSet::parse(&csv[..end], path) {
+            score(&paths, &straight(), &Options::default());
+            assert!(paths.points_mm.len() <= 2);
+        }
+        if let Ok(truth) = taught::parse(&csv[..end], path) {
+            assert!(!truth.seams.is_empty());
+        }
+    }
+    assert!(PathSet::parse(csv, Path::new("path.csv")).is_err());
+}
+
+#[test]
+fn a_taught_path_that_fills_the_memory_is_refused() {
+    let mut text = String::from("seam,x_mm,y_mm,z_mm,qw,qx,qy,qz\n");
+    for i in 0..300 {
+        text += &format!("1,{},0,0,1,0,0,0\n", (i % 2) * 900);
+    }
+    let refused = taught::parse(text.as_bytes(), Path::new("taught.csv")).unwrap_err().to_string();
+    assert!(refused.contains("too much"), "{refused}");
+}

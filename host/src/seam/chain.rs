@@ -47,6 +47,8 @@ pub struct Chain {
     pub closed: bool,
     /// Number of corners that support it.
     pub support: usize,
+    /// Mean share of the points about its corners that lie on the two faces.
+    pub share: f32,
 }
 
 /// One averaged corner of a chain.
@@ -161,7 +163,9 @@ impl Tracer<'_> {
             let turned = reversed.map(|l| Link { direction: -l.direction, ..*l });
             chain.links = turned.chain(chain.links.iter().copied()).collect();
         }
-        chain.support = self.claim(&chain);
+        let mine = self.claim(&chain);
+        chain.support = mine.len();
+        chain.share = mine.iter().map(|&k| self.corners[k].share).sum::<f32>() / mine.len().max(1) as f32;
         chain
     }
 
@@ -210,8 +214,8 @@ impl Tracer<'_> {
         any && !free
     }
 
-    /// Marks the corners beside a chain as used; how many there were.
-    fn claim(&mut self, chain: &Chain) -> usize {
+    /// Marks the corners beside a chain as used, and returns them.
+    fn claim(&mut self, chain: &Chain) -> Vec<usize> {
         let reach = 2.5 * self.config.step_voxels.max(1.0) * self.voxel_mm * 0.6;
         let mut mine = Vec::new();
         for link in &chain.links {
@@ -225,6 +229,6 @@ impl Tracer<'_> {
         mine.sort_unstable();
         mine.dedup();
         mine.iter().for_each(|&k| self.used[k] = true);
-        mine.len()
+        mine
     }
 }

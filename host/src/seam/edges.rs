@@ -3,6 +3,7 @@
 //! Beyond the paper: the gate on the intensity itself, derived from the cloud, without which the scale-free ratio takes
 //! flat noise for edges; and the sign of the asymmetry, which tells an inside corner from an outside one.
 
+use crate::cloud::PointCloud;
 use crate::downsampling::Voxels;
 use crate::grid::Grid;
 use nalgebra::Vector3;
@@ -23,8 +24,9 @@ pub struct Scores {
     pub gate: f32,
 }
 
-/// Scores every voxel within balls of `radius_mm`.
-pub fn score(voxels: &Voxels, grid: &Grid, radius_mm: f32) -> Scores {
+/// Scores every point of the denoised `model` within balls of `radius_mm`; `grid` indexes the model's points.
+pub fn score(voxels: &Voxels, model: &PointCloud, grid: &Grid, radius_mm: f32) -> Scores {
+    debug_assert_eq!(voxels.cloud.len(), model.len());
     let both: Vec<(f32, f32)> = (0..grid.len())
         .into_par_iter()
         .map(|slot| {

@@ -70,6 +70,10 @@ pub struct Refined {
     pub reach_mm: [f32; 2],
     /// Largest curvature of each face across the seam, 1/mm.
     pub bend_per_mm: [f64; 2],
+    /// Length of the window of a station, mm.
+    pub window_mm: f32,
+    /// Effective number of free parameters of the smoothed curve, per coordinate.
+    pub freedom: f64,
     /// Per station and face: share of each view in the fit.
     pub view_share: Vec<[Vec<f32>; 2]>,
 }
@@ -431,7 +435,11 @@ fn smoothed(
     let block_mm = f64::from(2.0 * section.half_mm);
     let line = Samples { values: &places, weights: &weights, step_mm, closed: path.closed };
     let tilt = Samples { values: &normals, weights: &weights, step_mm, closed: path.closed };
-    let smooth_places = line.smooth(line.stiffness(block_mm));
+    let stiffness = line.stiffness(block_mm);
+    let smooth_places = line.smooth(stiffness);
+    // A smoothing spline bends over lengths of about the fourth root of its stiffness per weight.
+    let bend_mm = (stiffness * step_mm).powf(0.25);
+    let freedom = 2.0 + step_mm * places.len() as f64 / (std::f64::consts::PI * bend_mm);
     let smooth_normals = tilt.smooth(tilt.stiffness(block_mm).max(1e3));
     let rows: Vec<[f64; 9]> = smooth_places
         .iter()
@@ -475,6 +483,8 @@ fn smoothed(
         tilt_rad,
         reach_mm: section.reach_mm,
         bend_per_mm: [bend(0), bend(1)],
+        window_mm: 2.0 * section.half_mm * 0.6,
+        freedom,
         view_share: shares,
     })
 }

@@ -47,7 +47,7 @@ pub(super) struct Seen {
 }
 
 impl Camera {
-    /// A camera of 56 degrees field of view at any width up to 1280 (71 degrees above it), 0.05 mm per count.
+    /// A camera of 56 degrees field of view, 71 degrees from a width of 1280 on; 0.05 mm per count.
     pub fn with_size(width: u32, height: u32) -> Self {
         let ratio = if width >= 1280 { 900.0 / 1280.0 } else { 600.0 / 640.0 };
         Self {

@@ -30,7 +30,7 @@ pub(super) fn flange_from_camera() -> Isometry3<f64> {
 
 /// What the robot reports of view `i`, truly at `base_from_camera`: exact for the first, else 1-3 mm and 0.3-1 degree off.
 pub(super) fn reported(base_from_camera: &Isometry3<f64>, request: &Request, i: usize) -> UrPose {
-    let mut random = Stream::new(request.seed, "pose error", i as u64);
+    let mut random = Stream::new(request.seed, request.part.name(), 3).at(i as u64);
     let (shift, axis) = (random.direction(), random.direction());
     let (shift_mm, turn_deg) = match (i, request.noise) {
         (0, _) | (_, Noise::None) => (0.0, 0.0),

@@ -23,7 +23,8 @@ impl Stream {
         Self { key: mix(self.key ^ counter.wrapping_mul(0xd6e8_feb8_6659_fd93)), counter: 0 }
     }
 
-    fn next(&mut self) -> u64 {
+    /// Any 64 bits: a seed for something else.
+    pub(super) fn next(&mut self) -> u64 {
         self.counter = self.counter.wrapping_add(1);
         mix(self.key.wrapping_add(self.counter.wrapping_mul(0x9e37_79b9_7f4a_7c15)))
     }

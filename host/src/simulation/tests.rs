@@ -132,3 +132,53 @@ fn nonsense_is_refused_with_a_way_out() {
     assert!(refused(&Request { length_mm: Some(200.0), ..small(Part::Pipe) }).contains("butt-v"));
     assert!(refused(&Request { weak: true, ..small(Part::Pipe) }).contains("branch"));
 }
+
+/// Least eigenvalue of the mean of n nᵀ over what a view sees of the piece: 0 if a direction is not tied down.
+fn least_information(stage: &Stage, view: usize) -> f64 {
+    let camera = Camera::with_size(160, 120);
+    let pose = &stage.base_from_camera[view];
+    let eye = Point3::from(pose.translation.vector);
+    let (mut sum, mut count) = (nalgebra::Matrix3::zeros(), 0.0);
+    for (row, column) in (0..120).flat_map(|row| (0..160).map(move |column| (row, column))) {
+        let sight = pose.rotation * camera.ray(f64::from(column), f64::from(row));
+        let Some(hit) = stage.scene.cast(eye, sight) else { continue };
+        let is_table = (eye + sight * hit.distance).z < stage.scene.table_mm() + 0.01;
+        if !is_table && -hit.normal.dot(&sight) / sight.norm() > 0.2 {
+            sum += hit.normal * hit.normal.transpose();
+            count += 1.0;
+        }
+    }
+    (sum / f64::max(count, 1.0)).symmetric_eigenvalues().min()
+}
+
+#[test]
+fn where_seams_run_every_way_the_anchor_sees_faces_every_way_unless_placed_badly() {
+    for part in [Part::Pipe, Part::Saddle, Part::Branch, Part::Tacked, Part::Cruciform, Part::Box] {
+        let information = least_information(&stage(&small(part)).unwrap(), 0);
+        assert!(information > 0.02, "{part}: {information}");
+    }
+    let weak = stage(&Request { weak: true, ..small(Part::Tacked) }).unwrap();
+    assert!(least_information(&weak, 0) < 0.005);
+}
+
+#[test]
+fn the_first_two_views_of_a_weak_branch_share_no_upright_face() {
+    let weak = stage(&Request { weak: true, ..small(Part::Branch) }).unwrap();
+    let names = |view| -> Vec<&str> {
+        weak.truth.seams.iter().filter(|s| sees_a_face_of(&weak, view, s)).map(|s| s.name.as_str()).collect()
+    };
+    let (first, second) = (names(0), names(1));
+    assert!(!first.is_empty() && !second.is_empty());
+    assert!(first.iter().all(|name| !second.contains(name)), "{first:?} {second:?}");
+}
+
+/// Whether a view sees the wall beside the middle of a seam on the plate.
+fn sees_a_face_of(stage: &Stage, view: usize, seam: &crate::evaluation::TruthSeam) -> bool {
+    let middle = seam.p.len() / 2;
+    let wall = Vector3::from(seam.normal_a[middle]);
+    let probe = Point3::from(Vector3::from(seam.p[middle]) + Vector3::z() * 15.0 + wall * 0.02);
+    let eye = Point3::from(stage.base_from_camera[view].translation.vector);
+    seam.name.starts_with("foot")
+        && wall.dot(&(eye - probe).normalize()) > 0.2
+        && stage.scene.is_free(probe, eye)
+}

@@ -62,5 +62,5 @@ pub(super) fn plate(draw: &mut Draw) -> Workpiece {
 pub(super) fn block(draw: &mut Draw) -> Workpiece {
     let height = draw.between("H", 50.0, 80.0);
     let body = Convex::cuboid([-70.0, -45.0, 0.0], [70.0, 45.0, height]);
-    Workpiece::new(vec![body.into()], Vec::new(), ring(6, -70.0, 48.0, 360.0, Point3::new(0.0, 0.0, 30.0)))
+    Workpiece::new(vec![body.into()], Vec::new(), ring(6, -50.0, 48.0, 360.0, Point3::new(0.0, 0.0, 30.0)))
 }

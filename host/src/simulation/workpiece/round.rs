@@ -50,7 +50,7 @@ pub(super) fn saddle(draw: &mut Draw) -> Workpiece {
         .without(Convex::upright_cylinder(radius - WALL, [0.0; 2], main, top + 1.0));
     let solids = vec![Convex::cylinder(main, -150.0, 150.0).moved(&lift).into(), tube];
     let seam = saddle_seam(main, radius);
-    let views = ring(6, -60.0, 45.0, 430.0, Point3::new(0.0, 0.0, 2.0 * main));
+    let views = ring(6, -60.0, 45.0, 350.0, Point3::new(0.0, 0.0, 2.0 * main));
     Workpiece::new(solids, vec![seam], views)
 }
 

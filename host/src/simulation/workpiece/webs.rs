@@ -52,24 +52,25 @@ pub(super) fn branch(draw: &mut Draw, weak: bool) -> Workpiece {
         seams.extend(pocket(k, azimuth_deg, 120.0, web, [reach, plate, height], k < 2));
     }
     let target = Point3::new(0.0, -10.0, plate + 20.0);
+    // Neighbours in azimuth share upright faces, across the web between the pockets, too.
     let good = [
-        [-145.0, 47.0, 360.0],
-        [175.0, 55.0, 380.0],
-        [-60.0, 47.0, 370.0],
-        [-30.0, 52.0, 380.0],
-        [-115.0, 53.0, 360.0],
-        [-85.0, 62.0, 390.0],
-        [-160.0, 42.0, 370.0],
-        [-45.0, 44.0, 370.0],
+        [-116.0, 47.0, 360.0],
+        [-152.0, 55.0, 380.0],
+        [-54.0, 47.0, 370.0],
+        [-32.0, 52.0, 380.0],
+        [-102.0, 53.0, 360.0],
+        [-69.0, 60.0, 390.0],
+        [-137.0, 42.0, 370.0],
+        [-44.0, 46.0, 370.0],
     ];
     // Views 0 and 1 look into different pockets and have only the base plate in common.
     let bad = [
-        [-150.0, 50.0, 380.0],
-        [20.0, 50.0, 380.0],
-        [170.0, 42.0, 370.0],
-        [-15.0, 45.0, 370.0],
-        [-130.0, 42.0, 390.0],
-        [35.0, 44.0, 380.0],
+        [-155.0, 50.0, 380.0],
+        [-23.0, 50.0, 380.0],
+        [177.0, 42.0, 370.0],
+        [-48.0, 45.0, 370.0],
+        [-133.0, 42.0, 390.0],
+        [2.0, 44.0, 380.0],
     ];
     let places: &[[f64; 3]] = if weak { &bad } else { &good };
     let turned: Vec<[f64; 3]> = places.iter().map(|p| [p[0] + turn_deg, p[1], p[2]]).collect();
@@ -148,20 +149,20 @@ pub(super) fn tacked(draw: &mut Draw, weak: bool) -> Workpiece {
     let target = Point3::new(10.0, -10.0, plate + 15.0);
     // Good: the anchor sees three directions of faces. Weak: it looks along x and is blind to the faces along it.
     let good = [
-        [-48.0, 45.0, 400.0],
-        [-35.0, 48.0, 410.0],
-        [-72.0, 50.0, 400.0],
-        [-20.0, 42.0, 390.0],
-        [-60.0, 48.0, 410.0],
-        [-42.0, 62.0, 400.0],
+        [-48.0, 45.0, 370.0],
+        [-35.0, 48.0, 350.0],
+        [-72.0, 50.0, 370.0],
+        [-20.0, 42.0, 360.0],
+        [-60.0, 48.0, 350.0],
+        [-42.0, 62.0, 370.0],
     ];
     let bad = [
-        [2.0, 47.0, 390.0],
-        [-30.0, 45.0, 380.0],
-        [-85.0, 46.0, 400.0],
-        [-20.0, 54.0, 400.0],
-        [18.0, 45.0, 400.0],
-        [-62.0, 47.0, 390.0],
+        [2.0, 47.0, 360.0],
+        [-30.0, 45.0, 350.0],
+        [-85.0, 46.0, 370.0],
+        [-20.0, 54.0, 370.0],
+        [18.0, 45.0, 370.0],
+        [-62.0, 47.0, 360.0],
     ];
     let solids = vec![base.into(), block.into(), rib.into()];
     let places: &[[f64; 3]] = if weak { &bad } else { &good };

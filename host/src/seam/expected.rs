@@ -1,0 +1,93 @@
+//! How wrong a seam is expected to be (ours): noise of its points, and what the registration left open.
+//!
+//! The faces of a seam are averages over the views that saw them; an error of a view's pose moves its share of a face.
+//! The covariance of all poses is carried through the shares and through the intersection of the two faces.
+
+use super::refine::Refined;
+use crate::cloud::Merged;
+use crate::reconstruction::Registration;
+use nalgebra::{DMatrix, Matrix2, RowDVector, Vector3};
+
+/// Errors of the method itself that no covariance knows, mm and rad.
+const FLOOR_MM: f64 = 0.015;
+const FLOOR_RAD: f64 = 0.001;
+/// Expected errors are meant to be exceeded rarely, not half of the time.
+const CAUTION: f64 = 1.4;
+
+/// Expected root mean square errors of a seam.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Expected {
+    /// Across the seam, mm.
+    pub position_mm: f64,
+    /// Of the part that registration contributes, mm.
+    pub registration_mm: f64,
+    /// Torch orientation, rad.
+    pub orientation_rad: f64,
+}
+
+/// The expected error of a refined seam.
+pub fn expect(seam: &Refined, merged: &Merged, registration: Option<&Registration>) -> Expected {
+    // Windows overlap: this many stations share their points.
+    let shared = f64::from(seam.window_mm / seam.step_mm).max(1.0);
+    let independent = (seam.frames.len() as f64 / shared).max(1.0);
+    let kept = (seam.freedom / independent).min(1.0).sqrt();
+    let (moved_mm2, turned_rad2) = registration.map_or((0.0, 0.0), |r| registered(seam, merged, r));
+    // A median distance in two dimensions is 0.83 of its root mean square.
+    let noise_mm = seam.scatter_mm / 0.83 * kept;
+    let tilt_rad = seam.tilt_rad * kept;
+    Expected {
+        position_mm: CAUTION * (noise_mm.powi(2) + moved_mm2 + FLOOR_MM.powi(2)).sqrt(),
+        registration_mm: moved_mm2.sqrt(),
+        orientation_rad: CAUTION * (tilt_rad.powi(2) + turned_rad2 + FLOOR_RAD.powi(2)).sqrt(),
+    }
+}
+
+/// Mean variance of position across the seam, mm², and of orientation, rad², from the poses of the views.
+fn registered(seam: &Refined, merged: &Merged, registration: &Registration) -> (f64, f64) {
+    let covariance = &registration.covariance;
+    if covariance.is_empty() {
+        return (0.0, 0.0);
+    }
+    let (mut position, mut orientation, mut count) = (0.0, 0.0, 0.0);
+    for (frame, shares) in seam.frames.iter().zip(&seam.view_share).step_by((seam.frames.len() / 20).max(1)) {
+        let place = merged.origin_mm + frame.position.coords.cast::<f64>();
+        let arm = place - registration.centre_mm;
+        let normals = frame.faces.map(|n| n.cast::<f64>());
+        let row = |k: usize| pose_row(&shares[k], covariance.ncols(), |row| {
+            let turn = arm.cross(&normals[k]);
+            row.copy_from_slice(&[turn.x, turn.y, turn.z, normals[k].x, normals[k].y, normals[k].z]);
+        });
+        let rows = [row(0), row(1)];
+        let heights = Matrix2::from_fn(|a, b| (&rows[a] * covariance * rows[b].transpose())[0]);
+        let (o, n) = (frame.tangent.cross(&frame.bisector()).cast::<f64>(), frame.bisector().cast::<f64>());
+        let faces = Matrix2::new(normals[0].dot(&o), normals[0].dot(&n), normals[1].dot(&o), normals[1].dot(&n));
+        let Some(inverse) = faces.try_inverse() else { continue };
+        position += (inverse * heights * inverse.transpose()).trace();
+        orientation += rotation_variance(shares, covariance);
+        count += 1.0;
+    }
+    (position / f64::max(count, 1.0), orientation / f64::max(count, 1.0))
+}
+
+/// The row that sums the contributions of all views but the first, each weighted by its share.
+fn pose_row(shares: &[f32], columns: usize, fill: impl Fn(&mut [f64])) -> RowDVector<f64> {
+    let mut row = RowDVector::zeros(columns);
+    let mut part = [0.0; 6];
+    fill(&mut part);
+    for (view, &share) in shares.iter().enumerate().skip(1) {
+        for (d, value) in part.iter().enumerate() {
+            row[6 * (view - 1) + d] = f64::from(share) * value;
+        }
+    }
+    row
+}
+
+/// Variance of the mean rotation of the views that saw the seam, rad².
+fn rotation_variance(shares: &[Vec<f32>; 2], covariance: &DMatrix<f64>) -> f64 {
+    let mean: Vec<f32> = shares[0].iter().zip(&shares[1]).map(|(a, b)| 0.5 * (a + b)).collect();
+    let about = |axis: Vector3<f64>| {
+        let row = pose_row(&mean, covariance.ncols(), |row| row[..3].copy_from_slice(axis.as_slice()));
+        (&row * covariance * row.transpose())[0]
+    };
+    about(Vector3::x()) + about(Vector3::y()) + about(Vector3::z())
+}
