@@ -121,7 +121,7 @@ impl Config {
 
     /// Ticks in `ms`, rounded up.
     fn ticks(&self, ms: u16) -> u32 {
-        (u32::from(ms) * 1000).div_ceil(self.tick_us)
+        (u32::from(ms) * 1000).div_ceil(self.tick_us.max(1))
     }
 }
 

@@ -3,6 +3,8 @@
 //! Indices count from the start of the path; `tail..next` are there without a gap and may be followed, further chunks
 //! beyond a gap are kept and shown in the selective-ack map. Lengths are micrometres, speeds micrometres per second.
 
+use core::num::NonZeroU32;
+
 use crate::math;
 use crate::wire::{self, Ack, Begin, Chunk, ChunkRefusal, Limits, Q15_ONE, SACK_CHUNKS, Waypoint, WirePose};
 
@@ -173,11 +175,16 @@ impl<const N: usize> Ring<N> {
                 *slot = Slot { waypoint: *waypoint, ..EMPTY };
             }
         }
-        match (chunk.first - self.next) / u32::from(self.begin.chunk) {
+        match (chunk.first - self.next) / self.grid() {
             0 => self.join(len),
             ahead => self.sack |= 1u16.checked_shl(ahead - 1).unwrap_or(0),
         }
         Ok(Placed::New)
+    }
+
+    /// Chunk length: not 0, which the compiler sees, so that no division can panic.
+    fn grid(&self) -> NonZeroU32 {
+        NonZeroU32::new(u32::from(self.begin.chunk)).unwrap_or(NonZeroU32::MIN)
     }
 
     /// The chunk has the length that belongs to its index.
@@ -209,7 +216,7 @@ impl<const N: usize> Ring<N> {
     fn is_stored(&self, first: u32) -> bool {
         match first.checked_sub(self.next) {
             None => true,
-            Some(ahead) => match ahead / u32::from(self.begin.chunk) {
+            Some(ahead) => match ahead / self.grid() {
                 0 => false,
                 chunks => self.sack.checked_shr(chunks - 1).unwrap_or(0) & 1 == 1,
             },
