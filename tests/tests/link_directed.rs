@@ -425,6 +425,8 @@ fn an_e_stop_is_reset_at_the_pendant_only_and_the_switch_gripped_anew() {
     let tick = bench.lively_tick();
     assert!(!tick.outputs.arc && !tick.outputs.gas);
     bench.panel.e_stop = false;
+    bench.lively_ticks(100);
+    assert_eq!(bench.pendant.speed_um_s(), 0.0);
     assert_eq!(bench.command(Command::Reset), Answer::Refused(Refusal::EStop));
     bench.lively_ticks(100);
     bench.panel.local_reset = true;

@@ -88,7 +88,7 @@ impl ArcTimes {
             (ms.post_flow, 0, 30_000),
         ];
         let within = bounds.into_iter().all(|(time, least, most)| (least..=most).contains(&time));
-        let ticks = |time: u16| u16::try_from((u32::from(time) * 1000).div_ceil(tick_us)).ok();
+        let ticks = |time: u16| u16::try_from((u32::from(time) * 1000).div_ceil(tick_us.max(1))).ok();
         if !within || tick_us == 0 {
             return None;
         }

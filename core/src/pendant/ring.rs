@@ -4,6 +4,7 @@
 //! beyond a gap are kept and shown in the selective-ack map. Lengths are micrometres, speeds micrometres per second.
 
 use core::borrow::BorrowMut;
+use core::num::NonZeroU32;
 
 use crate::math;
 use crate::wire::{self, Ack, Begin, Chunk, ChunkRefusal, Limits, Q15_ONE, SACK_CHUNKS, Waypoint, WirePose};
@@ -198,15 +199,15 @@ impl<const N: usize, S: Slots> Ring<N, S> {
         Ok(Placed::New)
     }
 
-    /// Waypoints per chunk. Begin was checked for it; the compiler sees here that it is no zero to divide by.
-    fn grid(&self) -> u32 {
-        u32::from(self.begin.chunk).max(1)
+    /// Chunk length: not 0, which the compiler sees, so that no division can panic.
+    fn grid(&self) -> NonZeroU32 {
+        NonZeroU32::new(u32::from(self.begin.chunk)).unwrap_or(NonZeroU32::MIN)
     }
 
     /// The chunk has the length that belongs to its index.
     fn check_grid(&self, chunk: &Chunk) -> Result<u32, Refusal> {
         let len = chunk.waypoints.len() as u32;
-        let grid = self.grid();
+        let grid = self.grid().get();
         let rest = self.begin.total.saturating_sub(chunk.first);
         let fits = chunk.first.is_multiple_of(grid) && len > 0 && len == rest.min(grid);
         if fits { Ok(len) } else { Err((0, ChunkRefusal::Index)) }
@@ -383,4 +384,92 @@ fn turn_rad(from: &WirePose, to: &WirePose) -> f32 {
     let pairs = from.orientation_q15.into_iter().zip(to.orientation_q15);
     let chord2: i64 = pairs.map(|(a, b)| i64::from(a) - sign * i64::from(b)).map(|d| d * d).sum();
     2.0 * math::sqrt(chord2 as f32) / f32::from(Q15_ONE)
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+
+    use super::*;
+
+    const DYNAMICS: Dynamics = Dynamics { accel_um_s2: 500_000.0, corner_um_s: 5_000.0 };
+    const LIMITS: Limits = Limits {
+        ring: 64,
+        reach_um: 1_000_000,
+        max_step_um: 10_000,
+        min_half_turn_cos_q15: 30_000,
+        min_step_um: 50,
+        max_feed_um_s: 250_000,
+        manual_feed_um_s: 250_000,
+        accel_um_s2: 500_000,
+        tick_us: 2_000,
+        silence_ms: 200,
+    };
+
+    fn chunk(first: u32, place: impl Fn(u32) -> [i32; 3]) -> Chunk {
+        let waypoints = (first..first + 4).map(|index| Waypoint {
+            pose: WirePose { position_um: place(index), ..WirePose::IDENTITY },
+            feed_um_s: 200_000,
+            weld: false,
+        });
+        Chunk { path: 1, first, waypoints: waypoints.collect() }
+    }
+
+    /// A ring with so many chunks of a path, planned after each of them.
+    fn planned(chunks: u32, place: impl Fn(u32) -> [i32; 3]) -> Ring<64, [Slot; 64]> {
+        let mut ring = Ring::new([Slot::EMPTY; 64]);
+        ring.open(&Begin {
+            path: 1,
+            total: 64,
+            chunk: 4,
+            streamed: true,
+            reach_um: 1_000_000,
+            max_step_um: 10_000,
+            min_half_turn_cos_q15: 30_000,
+        });
+        for number in 0..chunks {
+            let known = ring.next();
+            assert_eq!(ring.place(&chunk(4 * number, &place), &LIMITS), Ok(Placed::New));
+            ring.replan(known, 0, &DYNAMICS);
+        }
+        ring
+    }
+
+    #[test]
+    fn the_plan_stops_at_the_last_waypoint_received_and_brakes_within_bounds() {
+        for chunks in 1..=16 {
+            let ring = planned(chunks, |index| [index as i32 * 1_000, 0, 0]);
+            let speeds2: std::vec::Vec<f32> =
+                (1..ring.next()).filter_map(|index| ring.get(index)).map(|slot| slot.pass_speed2).collect();
+            assert_eq!(speeds2.last(), Some(&0.0));
+            for pair in speeds2.windows(2) {
+                assert!(
+                    pair[0] - pair[1] <= 2.0 * 500_000.0 * 1_000.0 * 1.0001,
+                    "{chunks} chunks: {speeds2:?}"
+                );
+            }
+            let fastest = speeds2.iter().copied().fold(0.0, f32::max).sqrt();
+            let reachable = (2.0 * 500_000.0 * 1_000.0 * (speeds2.len() - 1) as f32).sqrt().min(200_000.0);
+            assert!((fastest - reachable).abs() < 1.0, "{fastest}, could be {reachable}");
+        }
+    }
+
+    #[test]
+    fn a_corner_is_passed_slowly_enough_for_its_change_of_velocity() {
+        let ring = planned(8, |index| {
+            let along = index.min(16) as i32 * 1_000;
+            [along, index.saturating_sub(16) as i32 * 1_000, 0]
+        });
+        let speed = ring.get(16).map(|slot| slot.pass_speed2.sqrt()).expect("received");
+        assert!(
+            (speed * 2.0_f32.sqrt() - 5_000.0).abs() < 1.0,
+            "a right angle changes v by its root-two fold: {speed}"
+        );
+    }
+
+    #[test]
+    fn waypoints_that_were_not_received_are_not_there() {
+        let ring = planned(2, |index| [index as i32 * 1_000, 0, 0]);
+        assert!(ring.get(7).is_some() && ring.get(8).is_none() && ring.get(u32::MAX).is_none());
+    }
 }
