@@ -3,6 +3,8 @@
 //! All points within a radius, but no fewer than `least` and no more than the capacity. The radius that results is
 //! the distance of the farthest member where it had to grow, and the set radius otherwise.
 
+use core::cell::Cell;
+
 use crate::{Point, Vector, math};
 use heapless::Vec;
 
@@ -77,10 +79,24 @@ impl<const K: usize> Neighbourhood<K> {
             self.indices.pop();
             self.distances_mm2.pop();
         }
-        let at = self.distances_mm2.partition_point(|&d| d <= distance_mm2);
-        // Neither can fail: there is room, and `at` is at most the length.
-        let _ = self.indices.insert(at, index);
-        let _ = self.distances_mm2.insert(at, distance_mm2);
+        // Neither fails: there is room.
+        let _ = self.indices.push(index);
+        let _ = self.distances_mm2.push(distance_mm2);
+        self.settle();
+    }
+
+    /// Moves the last neighbour to where it belongs. By cells, for the optimiser sees no panic in them.
+    fn settle(&mut self) {
+        let indices = Cell::from_mut(self.indices.as_mut_slice()).as_slice_of_cells();
+        let distances_mm2 = Cell::from_mut(self.distances_mm2.as_mut_slice()).as_slice_of_cells();
+        for (distances, indices) in distances_mm2.windows(2).zip(indices.windows(2)).rev() {
+            let ([near, far], [near_index, far_index]) = (distances, indices) else { return };
+            if near.get() <= far.get() {
+                return;
+            }
+            near.swap(far);
+            near_index.swap(far_index);
+        }
     }
 
     /// Drops what lies outside the ball and is not needed, and settles the radius.
@@ -94,6 +110,11 @@ impl<const K: usize> Neighbourhood<K> {
         if keep > inside || self.indices.is_full() {
             self.radius_mm = if farthest_mm > 0.0 { farthest_mm } else { ball.radius_mm };
         }
+    }
+
+    /// Index and squared distance, mm², of the neighbours, nearest first.
+    pub fn by_distance(&self) -> impl Iterator<Item = (usize, f32)> + Clone + '_ {
+        self.indices.iter().map(|&k| usize::from(k)).zip(self.distances_mm2.iter().copied())
     }
 
     /// Offsets of the neighbours from the point, mm.

@@ -81,7 +81,7 @@ pub fn tensors(input: &Input) -> Vec<Tensor> {
     let gradients: Vec<Vector3<f32>> = all()
         .map(|slot| {
             let near = near(slot);
-            gradient(near.iter().map(|(other, offset, _)| (offset, intensities[*other] - intensities[slot])))
+            gradient(near.iter().map(|&(other, offset, _)| (offset, intensities[other] - intensities[slot])))
         })
         .collect();
     let by_slot: Vec<Tensor> = all()
