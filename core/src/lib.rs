@@ -7,16 +7,22 @@
 //! | paper | module |
 //! |---|---|
 //! | II-B, Alg. 1 | [`gesture`] |
-//! | II-E, eqs. (11)-(17) | `seam` |
+//! | II-E, eqs. (11)-(17) | [`seam`] |
 //! | II-F, eqs. (18)-(19) | [`path`] |
+//! | not in the paper | [`wire`], [`sender`], [`pendant`], [`tasks`], [`interlock`] |
 #![no_std]
 #![forbid(unsafe_code)]
 
 pub mod geometry;
 pub mod gesture;
+pub mod interlock;
 pub mod math;
 pub mod path;
+pub mod pendant;
 pub mod rotation;
 pub mod seam;
+pub mod sender;
+pub mod tasks;
+pub mod wire;
 
 pub use geometry::{Direction, Orientation, Point, Vector};

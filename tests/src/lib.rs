@@ -3,6 +3,11 @@
 pub mod plans;
 pub mod urscript;
 
+pub mod adversary;
+pub mod bench;
+pub mod qemu;
+pub mod world;
+
 use std::path::{Path, PathBuf};
 
 /// A file or folder of the data that lies beside a checkout, `shared/data/`, if it is there.

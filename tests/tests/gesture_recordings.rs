@@ -75,11 +75,12 @@ fn on_wave_no_camera_turn_is_larger_than_the_hand_makes() {
     let hand_turns = frames
         .windows(2)
         .map(|pair| degrees_between(&pair[0].frame.sensor_from_hand(), &pair[1].frame.sensor_from_hand()));
-    for config in [direct(), Config::default()] {
+    // Held back by its cap of 1 rad/s, the camera still turns while a slower hand waits: 0.57 degrees in 10 ms.
+    for (config, catching_up) in [(direct(), 0.0), (Config::default(), 0.573)] {
         let turns = camera_turns(&frames, Config { interaction_box: home, ..config });
         // The first two frames say where the hand is and turn the camera there.
         for (camera, hand) in turns.iter().zip(hand_turns.clone()).skip(1) {
-            assert!(*camera <= hand.max(config.max_turn_rad_s.min(1.0).to_degrees() * 0.01) + 1e-3);
+            assert!(*camera <= hand.max(catching_up) + 1e-3);
         }
         assert!(turns.iter().skip(1).all(|&turn| turn < 7.35), "7.3 degrees is the wave's own largest");
     }

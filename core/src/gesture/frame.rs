@@ -2,7 +2,7 @@
 
 use crate::{Orientation, Point, Vector, math, rotation};
 
-/// Directions closer to parallel, or vectors shorter, than this (as a length of unit vectors) make no basis.
+/// Vectors that should be unit and are shorter than this, or as near to parallel, make no basis.
 const LEAST_LENGTH: f32 = 1e-3;
 
 /// How the hand is turned: `sensor_from_hand`, x to the side, y toward the fingers, z out of the palm.
@@ -15,8 +15,7 @@ impl Attitude {
     /// None if a vector is short or not finite or the two are parallel.
     pub fn from_direction_and_normal(direction: &Vector, normal: &Vector) -> Option<Self> {
         let z = math::direction(normal, LEAST_LENGTH)?.into_inner();
-        let fingers = math::direction(direction, LEAST_LENGTH)?.into_inner();
-        let y = math::direction(&(fingers - z * z.dot(&fingers)), LEAST_LENGTH)?.into_inner();
+        let y = math::direction(&(direction - z * z.dot(direction)), LEAST_LENGTH)?.into_inner();
         Some(Self(rotation::from_basis(&y.cross(&z), &y, &z)))
     }
 

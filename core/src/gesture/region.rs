@@ -2,36 +2,42 @@
 
 use crate::{Point, Vector};
 
-/// A cube above the hand sensor, in its frame.
+/// A box above the hand sensor, along the axes of its frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct InteractionBox {
     center_mm: Point,
-    half_mm: f32,
+    half_mm: Vector,
 }
 
 impl Default for InteractionBox {
     /// The paper's 100 mm cube, its middle 200 mm above the sensor.
     fn default() -> Self {
-        Self { center_mm: Point::new(0.0, 200.0, 0.0), half_mm: 50.0 }
+        Self { center_mm: Point::new(0.0, 200.0, 0.0), half_mm: Vector::repeat(50.0) }
     }
 }
 
 impl InteractionBox {
     /// A cube by its middle and edge; none unless finite and with an edge above zero.
     pub fn new(center_mm: Point, edge_mm: f32) -> Option<Self> {
-        let valid = center_mm.iter().all(|v| v.is_finite()) && edge_mm.is_finite() && edge_mm > 0.0;
-        valid.then_some(Self { center_mm, half_mm: 0.5 * edge_mm })
+        Self::with_edges(center_mm, Vector::repeat(edge_mm))
+    }
+
+    /// A box by its middle and its edges along x, y and z; none unless finite and with edges above zero.
+    pub fn with_edges(center_mm: Point, edges_mm: Vector) -> Option<Self> {
+        let valid =
+            center_mm.iter().chain(&edges_mm).all(|v| v.is_finite()) && edges_mm.iter().all(|&e| e > 0.0);
+        valid.then_some(Self { center_mm, half_mm: edges_mm * 0.5 })
     }
 
     /// How far the palm is out of the box along a region's direction, mm; negative inside.
     pub fn outside_mm(&self, palm_mm: &Point, direction: &Vector) -> f32 {
-        (palm_mm - self.center_mm).dot(direction) - self.half_mm
+        (palm_mm - self.center_mm).dot(direction) - self.half_mm.dot(&direction.abs())
     }
 
     /// `getRegion` of Alg. 1, with hysteresis: `current` ends only when the palm is `hysteresis_mm` inside its face, or
     /// that much further along another axis.
     pub fn region(&self, palm_mm: &Point, current: Region, hysteresis_mm: f32) -> Region {
-        let furthest = Region::furthest(&(palm_mm - self.center_mm));
+        let furthest = Region::furthest(&(palm_mm - self.center_mm), &self.half_mm);
         let outside = |region: Region| region.direction().map(|d| self.outside_mm(palm_mm, &d));
         let reach_mm = outside(furthest).unwrap_or(0.0);
         match outside(current) {
@@ -75,16 +81,16 @@ impl Region {
         }
     }
 
-    /// The direction in which `offset_mm` from the middle is furthest.
-    fn furthest(offset_mm: &Vector) -> Self {
-        let (x, y, z) = (offset_mm.x, offset_mm.y, offset_mm.z);
+    /// The direction in which `offset_mm` from the middle is furthest beyond, or nearest to, a face.
+    fn furthest(offset_mm: &Vector, half_mm: &Vector) -> Self {
+        let beyond_mm = offset_mm.abs() - half_mm;
         let pick = |value: f32, positive, negative| if value > 0.0 { positive } else { negative };
-        if x.abs() >= y.abs() && x.abs() >= z.abs() {
-            pick(x, Self::Right, Self::Left)
-        } else if y.abs() >= z.abs() {
-            pick(y, Self::Up, Self::Down)
+        if beyond_mm.x >= beyond_mm.y && beyond_mm.x >= beyond_mm.z {
+            pick(offset_mm.x, Self::Right, Self::Left)
+        } else if beyond_mm.y >= beyond_mm.z {
+            pick(offset_mm.y, Self::Up, Self::Down)
         } else {
-            pick(z, Self::Outward, Self::Inward)
+            pick(offset_mm.z, Self::Outward, Self::Inward)
         }
     }
 }
@@ -144,6 +150,9 @@ mod tests {
                 .all(|e| InteractionBox::new(origin, e).is_none())
         );
         assert!(InteractionBox::new(Point::new(f32::NAN, 0.0, 0.0), 100.0).is_none());
+        assert!(InteractionBox::with_edges(origin, Vector::new(1.0, 0.0, 1.0)).is_none());
+        let flat = InteractionBox::with_edges(origin, Vector::new(100.0, 10.0, 100.0)).unwrap();
+        assert_eq!(flat.region(&Point::new(40.0, 6.0, 0.0), Region::Home, 1.0), Region::Up);
         let small = InteractionBox::new(origin, 20.0).unwrap();
         assert_eq!(small.region(&Point::new(0.0, 0.0, 11.0), Region::Home, 1.0), Region::Outward);
     }

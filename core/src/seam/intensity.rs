@@ -16,11 +16,13 @@ pub fn intensity(offsets_mm: &[Vector], radius_mm: f32) -> f32 {
 ///
 /// It points into the open angle of a corner: toward the camera where the corner is concave. Zero for no neighbours.
 pub fn asymmetry(offsets_mm: &[Vector], radius_mm: f32) -> Vector {
-    let mut sum_mm = Vector::zeros();
-    for offset_mm in offsets_mm {
-        sum_mm += offset_mm;
-    }
-    let count = (offsets_mm.len() + 1) as f32;
+    asymmetry_of(offsets_mm.iter().copied(), radius_mm)
+}
+
+/// The same without a buffer.
+pub(super) fn asymmetry_of(offsets_mm: impl Iterator<Item = Vector>, radius_mm: f32) -> Vector {
+    let (sum_mm, count) = offsets_mm
+        .fold((Vector::zeros(), 1.0_f32), |(sum_mm, count), offset_mm| (sum_mm + offset_mm, count + 1.0));
     sum_mm * (1.0 / (count * radius_mm))
 }
 

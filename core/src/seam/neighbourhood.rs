@@ -96,6 +96,11 @@ impl<const K: usize> Neighbourhood<K> {
         }
     }
 
+    /// Index and squared distance, mm², of the neighbours, nearest first.
+    pub fn by_distance(&self) -> impl Iterator<Item = (usize, f32)> + Clone + '_ {
+        self.indices.iter().map(|&k| usize::from(k)).zip(self.distances_mm2.iter().copied())
+    }
+
     /// Offsets of the neighbours from the point, mm.
     pub fn offsets_mm<'a>(
         &'a self,

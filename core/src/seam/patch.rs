@@ -1,6 +1,6 @@
 //! A few points with their neighbour lists: the edge scores where no spatial index fits.
 
-use super::{Ball, Neighbourhood, RatioThreshold, Tensor, gradient, intensity::asymmetry};
+use super::{Ball, Neighbourhood, RatioThreshold, Tensor, gradient, intensity::asymmetry_of};
 use crate::{Point, Vector, math};
 use heapless::Vec;
 
@@ -25,47 +25,73 @@ pub struct EdgeScore {
 }
 
 impl<const P: usize, const K: usize> Patch<P, K> {
+    /// A patch without points.
+    pub const fn empty() -> Self {
+        Self { points: Vec::new(), neighbours: Vec::new(), intensity: Vec::new(), gradient: Vec::new() }
+    }
+
     /// Finds the neighbours of every point by brute force. `None` for more than `P` points, or for fewer than two.
     pub fn new(points: &[Point], ball: &Ball) -> Option<Self> {
-        let mut patch = Self { points: Vec::from_slice(points).ok()?, ..Self::default() };
-        for centre in 0..points.len() {
-            patch.neighbours.push(Neighbourhood::of(points, centre, ball)?).ok()?;
+        let mut patch = Self::empty();
+        patch.load(points.iter().copied(), ball).then_some(patch)
+    }
+
+    /// As [`Self::new`] in the place of what was here: a microcontroller's stack does not hold a patch. Left empty,
+    /// and false, where `new` gives none.
+    pub fn load(&mut self, points: impl IntoIterator<Item = Point>, ball: &Ball) -> bool {
+        self.clear();
+        let all = points.into_iter().all(|point| self.points.push(point).is_ok()) && self.find(ball);
+        if all {
+            self.measure();
+        } else {
+            self.clear();
         }
-        patch.measure();
-        Some(patch)
+        all
+    }
+
+    /// The neighbours of every point; false if one has none.
+    fn find(&mut self, ball: &Ball) -> bool {
+        let near = |centre| Neighbourhood::of(&self.points, centre, ball);
+        (0..self.points.len()).all(|centre| near(centre).is_some_and(|n| self.neighbours.push(n).is_ok()))
+    }
+
+    fn clear(&mut self) {
+        self.points.clear();
+        self.neighbours.clear();
+        self.intensity.clear();
+        self.gradient.clear();
     }
 
     /// Intensities of all points, then gradients, which need their neighbours' intensities.
     fn measure(&mut self) {
         for (point, near) in self.points.iter().zip(&self.neighbours) {
-            let mut offsets_mm = Vec::<Vector, K>::new();
-            offsets_mm.extend(near.offsets_mm(&self.points, point));
-            let value = math::norm(&asymmetry(&offsets_mm, near.radius_mm));
+            let value = math::norm(&asymmetry_of(near.offsets_mm(&self.points, point), near.radius_mm));
             let _ = self.intensity.push(value);
         }
         for ((point, near), &own) in self.points.iter().zip(&self.neighbours).zip(&self.intensity) {
-            let mut offsets_mm = Vec::<Vector, K>::new();
-            offsets_mm.extend(near.offsets_mm(&self.points, point));
-            let differences =
-                near.indices.iter().map(|&k| self.intensity.get(usize::from(k)).map_or(0.0, |i| i - own));
-            let _ = self.gradient.push(gradient(offsets_mm.iter().zip(differences)));
+            let neighbours = near.indices.iter().filter_map(|&k| {
+                let k = usize::from(k);
+                Some((self.points.get(k)? - point, self.intensity.get(k)? - own))
+            });
+            let _ = self.gradient.push(gradient(neighbours));
         }
     }
 
     /// Score of one point; `None` for an index out of range.
     pub fn score(&self, index: usize, threshold: RatioThreshold) -> Option<EdgeScore> {
         let (near, own) = (self.neighbours.get(index)?, self.gradient.get(index)?);
-        let point = self.points.get(index)?;
-        let neighbours = near.indices.iter().filter_map(|&k| {
-            let k = usize::from(k);
-            Some(((self.points.get(k)? - point).norm_squared(), self.gradient.get(k)?))
-        });
+        let neighbours = near.by_distance().filter_map(|(k, d2)| Some((d2, self.gradient.get(k)?)));
         let tensor = Tensor::smoothed(own, neighbours);
         Some(EdgeScore {
             intensity: *self.intensity.get(index)?,
             ratio: tensor.ratio(),
             is_edge: tensor.is_edge(threshold),
         })
+    }
+
+    /// Number of neighbours of a point; 0 for an index out of range.
+    pub fn neighbours(&self, index: usize) -> usize {
+        self.neighbours.get(index).map_or(0, |near| near.indices.len())
     }
 
     /// Number of points.
@@ -106,5 +132,7 @@ mod tests {
         let ball = Ball::new(2.0, 4).expect("valid");
         assert!(Patch::<32, 16>::new(&corner(), &ball).is_none());
         assert!(Patch::<64, 16>::new(&corner()[..1], &ball).is_none());
+        let mut patch = Patch::<64, 16>::new(&corner(), &ball).expect("fits");
+        assert!(!patch.load(corner().into_iter().take(1), &ball) && patch.is_empty());
     }
 }

@@ -1,0 +1,178 @@
+//! Commands: executed at most once, in order, with the reply kept for those who ask again.
+
+use super::drive::Drive;
+use super::ring::{Ring, Slots};
+use super::{Action, Pendant, Requests, Task};
+use crate::interlock::{Event, Refused, State};
+use crate::wire::{
+    Answer, Begin, Command, Field, Hand, HandFrame, Jog, MAX_CHUNK, Patch, PendantMessage, Refusal, WirePose,
+};
+
+impl<const RING: usize, S: Slots> Pendant<RING, S> {
+    /// The same number again gets the kept reply; only the next number is executed; any other is old and ignored.
+    pub(super) fn control(&mut self, request: u16, command: Command) -> Action {
+        if request == self.requests.last {
+            let again =
+                self.requests.reply.map(|answer| self.send(PendantMessage::Reply { request, answer }));
+            return again.unwrap_or(Action::Idle);
+        }
+        if request != self.requests.last.wrapping_add(1) {
+            return Action::Idle;
+        }
+        self.requests = Requests { last: request, reply: None };
+        match self.execute(command) {
+            Ok(Executed::Now(answer)) => self.reply(answer),
+            Ok(Executed::Later(task)) => Action::Perform { request, task },
+            Err(why) => self.reply(Answer::Refused(why)),
+        }
+    }
+
+    pub(super) fn reply(&mut self, answer: Answer) -> Action {
+        self.requests.reply = Some(answer);
+        self.send(PendantMessage::Reply { request: self.requests.last, answer })
+    }
+
+    fn execute(&mut self, command: Command) -> Result<Executed, Refusal> {
+        match command {
+            Command::GetLimits => return Ok(Executed::Now(Answer::Limits(self.limits))),
+            Command::SetJog(jog) => return self.while_standing(Task::Jog(checked_jog(jog)?)),
+            Command::HandFrame(hands) => return self.while_standing(Task::HandFrame(checked_hands(hands)?)),
+            Command::Score(patch) => return self.while_standing(Task::Score(checked_patch(patch)?)),
+            Command::SetTool { tool } => self.set_tool(&tool)?,
+            Command::Begin(begin) => self.begin(&begin)?,
+            Command::Commit { path, digest } => self.commit(path, digest)?,
+            Command::Abort { path } => {
+                self.named(path)?;
+                self.ask(Event::Abort)?;
+            }
+            Command::ArcArm { armed } => self.ask(Event::Arm(armed))?,
+            Command::Start { path } => self.start(path)?,
+            Command::Hold => self.ask(Event::Hold)?,
+            Command::Stop => self.ask(Event::Stop)?,
+            Command::Resume { path, changes, back_um } => self.resume(path, changes, back_um)?,
+            Command::Reset => self.ask(Event::Reset)?,
+            Command::Subscribe { every } => self.report.subscribe(every),
+        }
+        Ok(Executed::Now(Answer::Done))
+    }
+
+    fn while_standing(&self, task: Task) -> Result<Executed, Refusal> {
+        if self.stands() { Ok(Executed::Later(task)) } else { Err(Refusal::Moving) }
+    }
+
+    fn ask(&mut self, event: Event) -> Result<(), Refusal> {
+        self.fire(event).map_err(|refused| match refused {
+            Refused::State(state) => Refusal::State(state),
+            Refused::NotEnabled => Refusal::NotEnabled,
+            Refused::EStop => Refusal::EStop,
+            Refused::NotResumable(cause) => Refusal::NotResumable(cause),
+        })
+    }
+
+    fn named(&self, path: u16) -> Result<(), Refusal> {
+        if self.loaded && self.ring.begin().path == path { Ok(()) } else { Err(Refusal::Path) }
+    }
+
+    fn set_tool(&mut self, tool: &WirePose) -> Result<(), Refusal> {
+        if !self.stands() {
+            return Err(Refusal::Moving);
+        }
+        self.tool = checked_pose(*tool)?;
+        Ok(())
+    }
+
+    fn begin(&mut self, begin: &Begin) -> Result<(), Refusal> {
+        self.check_begin(begin)?;
+        self.ask(Event::Begin)?;
+        self.used_path = Some(begin.path);
+        self.ring.open(begin);
+        self.loaded = true;
+        self.started = false;
+        self.drive = Drive::new();
+        Ok(())
+    }
+
+    fn check_begin(&self, begin: &Begin) -> Result<(), Refusal> {
+        let limits = &self.limits;
+        let value = |fits: bool, field| if fits { Ok(()) } else { Err(Refusal::Value(field)) };
+        // Ids are serial numbers: a chunk of an earlier path of this session never fits a later one.
+        if self.used_path.is_some_and(|used| begin.path.wrapping_sub(used) as i16 <= 0) {
+            return Err(Refusal::Path);
+        }
+        value(begin.total >= 2, Field::Count)?;
+        value((1..=MAX_CHUNK).contains(&usize::from(begin.chunk)), Field::Chunk)?;
+        value(begin.reach_um <= limits.reach_um, Field::Reach)?;
+        value(begin.max_step_um <= limits.max_step_um, Field::Step)?;
+        value(begin.min_half_turn_cos_q15 >= limits.min_half_turn_cos_q15, Field::Turn)?;
+        if !begin.streamed && begin.total > Ring::<RING, S>::CAPACITY {
+            return Err(Refusal::TooLong { capacity: Ring::<RING, S>::CAPACITY });
+        }
+        Ok(())
+    }
+
+    fn commit(&mut self, path: u16, digest: u32) -> Result<(), Refusal> {
+        self.named(path)?;
+        if !self.ring.is_complete() {
+            return Err(Refusal::Incomplete { next: self.ring.next() });
+        }
+        let computed = self.ring.digest();
+        if computed != digest {
+            self.fire_own(Event::BadDigest);
+            return Err(Refusal::Digest { computed });
+        }
+        self.ring.seal();
+        self.ask(Event::Committed)
+    }
+
+    fn start(&mut self, path: u16) -> Result<(), Refusal> {
+        self.named(path)?;
+        self.ask(Event::Start)?;
+        self.started = true;
+        Ok(())
+    }
+
+    fn resume(&mut self, path: u16, changes: u16, back_um: u32) -> Result<(), Refusal> {
+        self.named(path)?;
+        let now = self.changes;
+        if self.state() == State::Held && changes != now {
+            return Err(Refusal::Stale { changes: now });
+        }
+        if back_um as f32 > self.drive.kept_um(&self.ring) {
+            return Err(Refusal::Value(Field::Back));
+        }
+        self.ask(Event::Resume)?;
+        self.drive.retrace(back_um as f32);
+        Ok(())
+    }
+}
+
+#[allow(clippy::large_enum_variant, reason = "no allocator to box with; it lives for one call")]
+enum Executed {
+    Now(Answer),
+    Later(Task),
+}
+
+fn checked_pose(pose: WirePose) -> Result<WirePose, Refusal> {
+    if pose.is_unit() { Ok(pose) } else { Err(Refusal::Value(Field::Orientation)) }
+}
+
+fn checked_jog(jog: Jog) -> Result<Jog, Refusal> {
+    checked_pose(jog.start)?;
+    if jog.box_size_um.contains(&0) { Err(Refusal::Value(Field::Size)) } else { Ok(jog) }
+}
+
+fn checked_hands(hands: HandFrame) -> Result<HandFrame, Refusal> {
+    let sound = |hand: &Hand| hand.grab_permille <= 1000 && hand.pinch_permille <= 1000 && hand.extended < 32;
+    if [&hands.left, &hands.right].into_iter().flatten().all(sound) {
+        Ok(hands)
+    } else {
+        Err(Refusal::Value(Field::Count))
+    }
+}
+
+fn checked_patch(patch: Patch) -> Result<Patch, Refusal> {
+    if patch.radius_um == 0 {
+        return Err(Refusal::Value(Field::Size));
+    }
+    if patch.points.is_empty() { Err(Refusal::Value(Field::Count)) } else { Ok(patch) }
+}

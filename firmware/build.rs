@@ -1,0 +1,20 @@
+//! Gives the linker the board's memory map and the scripts of cortex-m-rt and defmt.
+
+use std::path::PathBuf;
+use std::{env, fs};
+
+fn main() {
+    let board = if env::var_os("CARGO_FEATURE_STM32F407").is_some() { "stm32f407" } else { "mps2_an386" };
+    let out = PathBuf::from(env::var_os("OUT_DIR").expect("set by cargo"));
+    let map = format!("memory/{board}.x");
+    fs::copy(&map, out.join("memory.x")).expect("the board's memory map");
+    if board == "mps2_an386" {
+        // cortex-m-rt asks a device crate for default handlers; the board module lists every vector itself.
+        fs::write(out.join("device.x"), "").expect("OUT_DIR is writable");
+    }
+    println!("cargo:rustc-link-search={}", out.display());
+    println!("cargo:rustc-link-arg-bins=-Tlink.x");
+    println!("cargo:rustc-link-arg-bins=-Tdefmt.x");
+    println!("cargo:rerun-if-changed={map}");
+    println!("cargo:rerun-if-changed=build.rs");
+}

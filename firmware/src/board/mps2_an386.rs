@@ -1,0 +1,261 @@
+//! Arm MPS2 with the AN386 image as QEMU emulates it (`-M mps2-an386`).
+//!
+//! QEMU gives the machine no pins, so the panel - emergency stop, enabling switch, reset button, and the lamps for
+//! arc, gas, motion and wire - is a second serial port that only the tick touches. Addresses: Arm AN386, chapter 3.
+#![allow(unsafe_code)]
+
+mod panel;
+
+use core::arch::global_asm;
+
+use cortex_m::peripheral::NVIC;
+use cortex_m_semihosting::syscall;
+use defmt_semihosting as _;
+
+use super::cortex_m4::{PORT_PRIORITY, TICK_PRIORITY};
+use super::{BootRecord, Inputs, Outputs, ResetCause};
+use crate::{serial, torch};
+
+const CLOCK_HZ: u32 = 25_000_000;
+const BAUD: u32 = 115_200;
+/// The second half of it resets; the first ends in an NMI.
+const WATCHDOG_CYCLES: u32 = CLOCK_HZ / 2;
+
+const LINK: Uart = Uart(0x4000_4000);
+const PANEL: Uart = Uart(0x4000_5000);
+const TIMER: usize = 0x4000_0000;
+const STOPWATCH: usize = 0x4000_1000;
+const WATCHDOG: usize = 0x4000_8000;
+
+/// Interrupt lines of the image that are used here.
+#[derive(Clone, Copy)]
+#[repr(u16)]
+enum Line {
+    LinkReceive = 0,
+    LinkTransmit = 1,
+    PanelReceive = 2,
+    PanelTransmit = 3,
+    Timer = 8,
+}
+
+// SAFETY: each number is that line of the NVIC, which has 32.
+unsafe impl cortex_m::interrupt::InterruptNumber for Line {
+    fn number(self) -> u16 {
+        self as u16
+    }
+}
+
+type Handler = unsafe extern "C" fn();
+
+#[unsafe(link_section = ".vector_table.interrupts")]
+#[unsafe(no_mangle)]
+static __INTERRUPTS: [Handler; 32] = {
+    let mut lines: [Handler; 32] = [unexpected; 32];
+    lines[Line::LinkReceive as usize] = link_receive;
+    lines[Line::LinkTransmit as usize] = link_transmit;
+    lines[Line::PanelReceive as usize] = panel_receive;
+    lines[Line::PanelTransmit as usize] = panel_transmit;
+    lines[Line::Timer as usize] = timer;
+    lines
+};
+
+// The first instructions after a reset, before RAM is set up: the panel's "all off", on a transmitter that is empty.
+global_asm!(
+    ".section .text.__pre_init, \"ax\"",
+    ".global __pre_init",
+    ".type __pre_init,%function",
+    ".thumb_func",
+    "__pre_init:",
+    "ldr r0, ={panel}",
+    "movs r1, #217",
+    "str r1, [r0, #16]",
+    "movs r1, #1",
+    "str r1, [r0, #8]",
+    "movs r1, #{off}",
+    "str r1, [r0]",
+    "bx lr",
+    ".ltorg",
+    panel = const PANEL.0,
+    off = const panel::ALL_OFF,
+);
+
+/// Starts ports, watchdog and tick; the host's clock, as QEMU has nothing else that differs from start to start.
+/// Outputs stay off.
+pub fn start(boot: &BootRecord) -> (Watchdog, u32) {
+    panel::report_boot(boot.cause);
+    LINK.start();
+    PANEL.start();
+    let watchdog = Watchdog::start();
+    // Periodic down-counter with interrupt.
+    let reload = CLOCK_HZ / torch::TICK_HZ - 1;
+    write(TIMER + 0x4, reload);
+    write(TIMER + 0x8, reload);
+    write(TIMER, 0b1001);
+    // SAFETY: the handlers above are in place.
+    unsafe {
+        let mut nvic = cortex_m::Peripherals::steal().NVIC;
+        for line in [Line::LinkReceive, Line::LinkTransmit, Line::PanelReceive, Line::PanelTransmit] {
+            nvic.set_priority(line, PORT_PRIORITY);
+            NVIC::unmask(line);
+        }
+        nvic.set_priority(Line::Timer, TICK_PRIORITY);
+        NVIC::unmask(Line::Timer);
+    }
+    wake_panel();
+    // SAFETY: semihosting call SYS_TIME takes no argument and returns a number.
+    (watchdog, unsafe { syscall!(TIME) as u32 })
+}
+
+/// Makes the transmit interrupt run.
+pub fn wake_link() {
+    NVIC::pend(Line::LinkTransmit);
+}
+
+fn wake_panel() {
+    NVIC::pend(Line::PanelTransmit);
+}
+
+/// Everything off, from any context: straight to the transmitter.
+pub fn outputs_off() {
+    PANEL.send(panel::ALL_OFF);
+}
+
+/// Never: the image has no reset register; its NMI notes the cause.
+pub fn watchdog_fired() -> bool {
+    false
+}
+
+/// CMSDK watchdog: an NMI when it runs out, a reset if that hangs, too.
+pub struct Watchdog(());
+
+impl Watchdog {
+    fn start() -> Self {
+        write(WATCHDOG + 0xc00, 0x1acc_e551);
+        write(WATCHDOG, WATCHDOG_CYCLES);
+        write(WATCHDOG + 0x8, 0b11);
+        Self(())
+    }
+
+    /// Starts its count again.
+    pub fn feed(&mut self) {
+        write(WATCHDOG + 0xc, 1);
+    }
+}
+
+/// Counts instructions under `-icount shift=10`, where one takes 1024 ns, by a timer of 40 ns.
+pub struct Stopwatch {
+    /// What an empty measurement shows.
+    empty: u32,
+}
+
+impl Stopwatch {
+    /// Starts the second timer.
+    pub fn start() -> Self {
+        write(STOPWATCH + 0x4, u32::MAX);
+        write(STOPWATCH + 0x8, u32::MAX);
+        write(STOPWATCH, 0b1);
+        Self { empty: Self { empty: 0 }.instructions(|| ()) }
+    }
+
+    /// Instructions that `work` takes.
+    #[inline(never)]
+    pub fn instructions<T>(&self, work: impl FnOnce() -> T) -> u32 {
+        let before = read(STOPWATCH + 0x4);
+        let result = work();
+        let after = read(STOPWATCH + 0x4);
+        core::hint::black_box(result);
+        let nanoseconds = u64::from(before.wrapping_sub(after)) * 40;
+        ((nanoseconds + 512) / 1024) as u32 - self.empty
+    }
+}
+
+/// CMSDK serial port at this address.
+#[derive(Clone, Copy)]
+struct Uart(usize);
+
+impl Uart {
+    fn start(self) {
+        write(self.0 + 0x10, CLOCK_HZ / BAUD);
+        // Transmitter, receiver, and both their interrupts.
+        write(self.0 + 0x8, 0b1111);
+    }
+
+    /// The received byte, if there is one, and whether one before it was lost.
+    fn receive(self) -> (Option<u8>, bool) {
+        write(self.0 + 0xc, 0b10);
+        let state = read(self.0 + 0x4);
+        let overrun = state & 0b1000 != 0;
+        if overrun {
+            write(self.0 + 0x4, 0b1000);
+        }
+        ((state & 0b10 != 0).then(|| read(self.0) as u8), overrun)
+    }
+
+    fn can_send(self) -> bool {
+        write(self.0 + 0xc, 0b1);
+        read(self.0 + 0x4) & 0b1 == 0
+    }
+
+    fn send(self, byte: u8) {
+        write(self.0, u32::from(byte));
+    }
+}
+
+unsafe extern "C" fn link_receive() {
+    let (byte, overrun) = LINK.receive();
+    if overrun {
+        serial::LINK.overrun();
+    }
+    if let Some(byte) = byte {
+        serial::LINK.received(byte);
+    }
+}
+
+unsafe extern "C" fn link_transmit() {
+    if LINK.can_send() {
+        if let Some(byte) = serial::LINK.next_to_send() {
+            LINK.send(byte);
+        }
+    }
+}
+
+unsafe extern "C" fn panel_receive() {
+    if let (Some(byte), _) = PANEL.receive() {
+        panel::received(byte);
+    }
+}
+
+unsafe extern "C" fn panel_transmit() {
+    if PANEL.can_send() {
+        if let Some(byte) = panel::next_to_send() {
+            PANEL.send(byte);
+        }
+    }
+}
+
+unsafe extern "C" fn timer() {
+    write(TIMER + 0xc, 1);
+    let inputs: Inputs = panel::inputs();
+    let outputs: Outputs = torch::tick(inputs);
+    panel::show(outputs, torch::ticks());
+}
+
+unsafe extern "C" fn unexpected() {
+    panic!("an interrupt that nobody asked for");
+}
+
+#[unsafe(no_mangle)]
+unsafe extern "C" fn NonMaskableInt() {
+    outputs_off();
+    super::reset(ResetCause::Watchdog)
+}
+
+fn read(address: usize) -> u32 {
+    // SAFETY: only called with addresses of the image's peripherals, all 32 bits wide.
+    unsafe { (address as *const u32).read_volatile() }
+}
+
+fn write(address: usize, value: u32) {
+    // SAFETY: as `read`; what a write starts is what the caller means.
+    unsafe { (address as *mut u32).write_volatile(value) }
+}

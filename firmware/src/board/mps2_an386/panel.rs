@@ -1,0 +1,95 @@
+//! The emulated panel's bytes.
+//!
+//! In: `0x40 | estop | enable << 1 | reset << 2 | established << 3 | manual << 4`, the state of the inputs; before the first one the emergency
+//! stop counts as pressed. `?` asks for the stack's use. `!` makes the firmware panic, `$` hang and `%` overflow its stack: faults that a test
+//! cannot cause from outside.
+//!
+//! Out: `0x80 | arc | gas << 1 | motion << 2 | wire << 3` or `0xa0 | reset cause`, each followed by the tick, or `0xb0` by the stack's bytes, in five groups of
+//! seven bits, highest first; and [`ALL_OFF`] alone, which the first instruction and every fatal handler send.
+
+use core::cell::RefCell;
+use core::sync::atomic::{AtomicBool, AtomicU8, Ordering::Relaxed};
+
+use critical_section::Mutex;
+use heapless::Deque;
+
+use crate::board::{Inputs, Outputs, ResetCause, stack_used_bytes};
+
+/// Outputs off, no clock.
+pub const ALL_OFF: u8 = 0xe0;
+
+static STATE: AtomicU8 = AtomicU8::new(0x41);
+/// What the lamps show; none of the codes at first, so that the first tick reports.
+static SHOWN: AtomicU8 = AtomicU8::new(0);
+static WAITING: Mutex<RefCell<Deque<u8, 96>>> = Mutex::new(RefCell::new(Deque::new()));
+static HANG: AtomicBool = AtomicBool::new(false);
+
+/// A byte from the panel.
+pub fn received(byte: u8) {
+    match byte {
+        0x40..=0x5f => STATE.store(byte, Relaxed),
+        b'?' => {
+            report(0xb0, stack_used_bytes());
+        }
+        b'!' => panic!("asked for by the panel"),
+        b'$' => HANG.store(true, Relaxed),
+        b'%' => {
+            overflow(0);
+        }
+        _ => {}
+    }
+}
+
+/// The inputs as the panel last told them.
+pub fn inputs() -> Inputs {
+    let state = STATE.load(Relaxed);
+    let is = |bit: u8| state & 1 << bit != 0;
+    Inputs { estop: is(0), enable: is(1), reset: is(2), established: is(3), manual: is(4) }
+}
+
+/// Drives the lamps: a report when they change. If it finds no room, the next tick tries again.
+pub fn show(outputs: Outputs, tick: u32) {
+    #[allow(clippy::while_immutable_condition, clippy::empty_loop)]
+    while HANG.load(Relaxed) {}
+    let Outputs { arc, gas, motion, wire } = outputs;
+    let code = [wire, motion, gas, arc].iter().fold(0b1000, |bits, &on| bits << 1 | u8::from(on));
+    if SHOWN.load(Relaxed) != code && report(code, tick) {
+        SHOWN.store(code, Relaxed);
+    }
+}
+
+/// Says why the firmware started.
+pub fn report_boot(cause: ResetCause) {
+    report(0xa0 | cause as u8, 0);
+}
+
+/// The next byte for the panel.
+pub fn next_to_send() -> Option<u8> {
+    critical_section::with(|cs| WAITING.borrow_ref_mut(cs).pop_front())
+}
+
+/// Queues a code and its number; false if there is no room.
+fn report(code: u8, number: u32) -> bool {
+    let group = |i: u32| (number >> (7 * i)) as u8 & 0x7f;
+    let frame = [code, group(4), group(3), group(2), group(1), group(0)];
+    let queued = critical_section::with(|cs| {
+        let mut waiting = WAITING.borrow_ref_mut(cs);
+        let fits = waiting.capacity() - waiting.len() >= frame.len();
+        if fits {
+            waiting.extend(frame);
+        }
+        fits
+    });
+    if queued {
+        super::wake_panel();
+    }
+    queued
+}
+
+/// Uses stack without end.
+#[inline(never)]
+#[allow(unconditional_recursion)]
+fn overflow(depth: u32) -> u32 {
+    let frame = core::hint::black_box([depth; 64]);
+    overflow(depth.wrapping_add(1)).wrapping_add(frame.iter().sum())
+}

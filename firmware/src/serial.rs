@@ -1,0 +1,84 @@
+//! Byte queues between interrupts and the main loop. Nothing here waits: what does not fit is dropped and counted.
+
+use core::cell::RefCell;
+use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
+
+use critical_section::Mutex;
+use heapless::Deque;
+
+use crate::board;
+
+/// The host's line: room for two full chunks each way.
+pub static LINK: Port<1024, 1024> = Port::new(board::wake_link);
+
+/// A serial port's queues.
+pub struct Port<const RX: usize, const TX: usize> {
+    received: Mutex<RefCell<Deque<u8, RX>>>,
+    waiting: Mutex<RefCell<Deque<u8, TX>>>,
+    lost: AtomicU32,
+    wake: fn(),
+}
+
+impl<const RX: usize, const TX: usize> Port<RX, TX> {
+    /// Empty queues; `wake` makes the transmit interrupt run.
+    pub const fn new(wake: fn()) -> Self {
+        Self {
+            received: Mutex::new(RefCell::new(Deque::new())),
+            waiting: Mutex::new(RefCell::new(Deque::new())),
+            lost: AtomicU32::new(0),
+            wake,
+        }
+    }
+
+    /// From the receive interrupt.
+    pub fn received(&self, byte: u8) {
+        let full = critical_section::with(|cs| self.received.borrow_ref_mut(cs).push_back(byte).is_err());
+        if full {
+            self.overrun();
+        }
+    }
+
+    /// A byte was lost before it could be taken.
+    pub fn overrun(&self) {
+        self.lost.fetch_add(1, Relaxed);
+    }
+
+    /// Bytes lost since the start.
+    pub fn lost(&self) -> u32 {
+        self.lost.load(Relaxed)
+    }
+
+    /// The oldest received byte.
+    pub fn take_received(&self) -> Option<u8> {
+        critical_section::with(|cs| self.received.borrow_ref_mut(cs).pop_front())
+    }
+
+    /// Bytes that [`Self::send`] would take.
+    pub fn room(&self) -> usize {
+        critical_section::with(|cs| {
+            let waiting = self.waiting.borrow_ref(cs);
+            waiting.capacity() - waiting.len()
+        })
+    }
+
+    /// Queues a whole frame, or refuses it when it does not fit.
+    pub fn send(&self, frame: &[u8]) -> bool {
+        let fits = critical_section::with(|cs| {
+            let mut waiting = self.waiting.borrow_ref_mut(cs);
+            let fits = waiting.capacity() - waiting.len() >= frame.len();
+            if fits {
+                waiting.extend(frame.iter().copied());
+            }
+            fits
+        });
+        if fits {
+            (self.wake)();
+        }
+        fits
+    }
+
+    /// For the transmit interrupt: the next byte to go out.
+    pub fn next_to_send(&self) -> Option<u8> {
+        critical_section::with(|cs| self.waiting.borrow_ref_mut(cs).pop_front())
+    }
+}

@@ -1,0 +1,50 @@
+#!/bin/sh
+# Every check of weldpath, in the order in which they fail fastest. `.ci/run` calls this and nothing else.
+#
+#   tests/all.sh             everything
+#   tests/all.sh --no-apt    the same, and never calls apt-get
+#
+# Needs Rust (rustup's stable is enough) and, for the firmware in an emulator, qemu-system-arm and a toolchain for
+# the Cortex-M4F. As root on Debian it fetches what is missing by apt-get and prints what; otherwise it prints the command.
+set -eu
+cd "$(dirname "$0")/.."
+say() { printf '\n== %s\n' "$*"; }
+
+missing=
+need() { missing="$missing $*"; }
+command -v qemu-system-arm >/dev/null || need qemu-system-arm
+command -v cc >/dev/null || need gcc libc6-dev
+command -v cargo >/dev/null || need rustc-web cargo-web
+command -v cargo-fmt >/dev/null || need rustfmt-web
+command -v cargo-clippy >/dev/null || need rust-web-clippy
+if ! firmware/build.sh toolchain >/dev/null 2>&1; then need rustc-web cargo-web rust-web-src rust-web-clippy lld; fi
+if [ -n "$missing" ]; then
+    install="apt-get install --yes --no-install-recommends$missing"
+    if [ "${1:-}" != --no-apt ] && [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; then
+        say "installing:$missing"
+        apt-get update -qq
+        $install
+    else
+        echo "tests/all.sh needs these packages; run, as root: $install" >&2
+        exit 1
+    fi
+fi
+
+say "format"
+cargo fmt --all --check
+(cd firmware && cargo fmt --check)
+
+say "lints, host"
+cargo clippy --workspace --all-targets --quiet -- -D warnings
+
+say "documentation"
+RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --quiet
+
+say "firmware: emulated board, STM32F407, lints"
+firmware/build.sh build --release
+firmware/build.sh clippy --release -- -D warnings
+firmware/build.sh clippy --release --no-default-features --features stm32f407 -- -D warnings
+firmware/build.sh build --release --no-default-features --features stm32f407
+
+say "tests: units, properties, fixtures, link, firmware in QEMU"
+WELDPATH_REQUIRE_QEMU=1 cargo test --workspace
