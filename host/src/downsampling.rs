@@ -54,7 +54,13 @@ impl Scale {
         let edge_mm = edge_mm.max(1e-3);
         // A voxel of a surface that one view saw holds about this many points.
         let usual = (edge_mm / spacing_mm.max(1e-6)).powi(2) * (merged.cameras_mm.len() as f32).sqrt();
-        let least = if usual > 4.5 { 3 } else if usual > 3.0 { 2 } else { 1 };
+        let least = if usual > 4.5 {
+            3
+        } else if usual > 3.0 {
+            2
+        } else {
+            1
+        };
         Self { edge_mm, least, spacing_mm, noise_mm, how }
     }
 

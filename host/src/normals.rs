@@ -79,12 +79,8 @@ pub fn estimate(view: &View, config: &Config) -> Patches {
     let narrow: Vec<Plane> = near.moments.par_iter().map(Moments::plane).collect();
     let mut sizes: Vec<f32> = narrow.iter().map(|p| p.variance_mm2).collect();
     let noise_mm2 = median(&mut sizes);
-    let mut patches = Patches {
-        cell_mm: grid.cell_mm(),
-        spacing_mm,
-        noise_mm: noise_mm2.sqrt(),
-        ..Patches::default()
-    };
+    let mut patches =
+        Patches { cell_mm: grid.cell_mm(), spacing_mm, noise_mm: noise_mm2.sqrt(), ..Patches::default() };
     for (k, own) in cells.moments.iter().enumerate() {
         let window = &near.moments[k];
         if own.count < config.min_points as f32 || window.count < config.min_fit_points as f32 {

@@ -107,7 +107,10 @@ pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Re
     let model = clock.time("denoising", || denoising::bilateral(&voxels.cloud, &scale.bilateral()));
     observer.cloud("denoising", &model);
     if model.len() < MIN_POINTS {
-        return Err(no_seam(format!("{} voxels are too few for two faces; at least {MIN_POINTS} are needed", model.len())));
+        return Err(no_seam(format!(
+            "{} voxels are too few for two faces; at least {MIN_POINTS} are needed",
+            model.len()
+        )));
     }
     observer.stage("seam");
     let input = seam::Input {
@@ -119,7 +122,9 @@ pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Re
     };
     let found = match config.method {
         Method::Weldpath => clock.time("seam", || seam::find(&input, &config.seam)),
-        Method::Paper { ratio_threshold } => clock.time("seam", || seam::paper::find(&input, ratio_threshold)),
+        Method::Paper { ratio_threshold } => {
+            clock.time("seam", || seam::paper::find(&input, ratio_threshold))
+        }
     };
     if found.seams.is_empty() {
         return Err(no_seam(found.reason));

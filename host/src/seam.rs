@@ -145,9 +145,9 @@ pub fn find(input: &Input, config: &Config) -> Found {
     let scores = edges::score(input.voxels, input.model, &grid, 4.0 * v);
     let corners = corners(input, &scores, &config.corner);
     let table = support::find(input.voxels);
-    let (on_table, off_table): (Vec<_>, Vec<_>) = corners.into_iter().partition(|c| {
-        table.is_some_and(|t| c.faces.iter().any(|face| t.is_face(face, &c.position)))
-    });
+    let (on_table, off_table): (Vec<_>, Vec<_>) = corners
+        .into_iter()
+        .partition(|c| table.is_some_and(|t| c.faces.iter().any(|face| t.is_face(face, &c.position))));
     let mut found = Found { gate: scores.gate, ..Found::default() };
     let mut chains = chain::trace(&off_table, v, &config.chain);
     if chains.is_empty() && !input.whole_views {
@@ -249,7 +249,8 @@ fn mark_branches(seams: &mut [Seam], near_mm: f64) {
     for (k, mine) in ends.iter().enumerate() {
         if let Some(others) = mine.iter().map(|e| meets(k, e)).max().filter(|&n| n >= 2) {
             let was = std::mem::replace(&mut seams[k].joint, Joint::Branch);
-            seams[k].reason = format!("{}; meets {others} others in a junction ({})", seams[k].reason, was.name());
+            seams[k].reason =
+                format!("{}; meets {others} others in a junction ({})", seams[k].reason, was.name());
         }
     }
 }

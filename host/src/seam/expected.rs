@@ -53,14 +53,17 @@ fn registered(seam: &Refined, merged: &Merged, registration: &Registration) -> (
         let place = merged.origin_mm + frame.position.coords.cast::<f64>();
         let arm = place - registration.centre_mm;
         let normals = frame.faces.map(|n| n.cast::<f64>());
-        let row = |k: usize| pose_row(&shares[k], covariance.ncols(), |row| {
-            let turn = arm.cross(&normals[k]);
-            row.copy_from_slice(&[turn.x, turn.y, turn.z, normals[k].x, normals[k].y, normals[k].z]);
-        });
+        let row = |k: usize| {
+            pose_row(&shares[k], covariance.ncols(), |row| {
+                let turn = arm.cross(&normals[k]);
+                row.copy_from_slice(&[turn.x, turn.y, turn.z, normals[k].x, normals[k].y, normals[k].z]);
+            })
+        };
         let rows = [row(0), row(1)];
         let heights = Matrix2::from_fn(|a, b| (&rows[a] * covariance * rows[b].transpose())[0]);
         let (o, n) = (frame.tangent.cross(&frame.bisector()).cast::<f64>(), frame.bisector().cast::<f64>());
-        let faces = Matrix2::new(normals[0].dot(&o), normals[0].dot(&n), normals[1].dot(&o), normals[1].dot(&n));
+        let faces =
+            Matrix2::new(normals[0].dot(&o), normals[0].dot(&n), normals[1].dot(&o), normals[1].dot(&n));
         let Some(inverse) = faces.try_inverse() else { continue };
         position += (inverse * heights * inverse.transpose()).trace();
         orientation += rotation_variance(shares, covariance);

@@ -44,7 +44,9 @@ fn beyond(seam: &Refined, k: usize, model: &PointCloud, grid: &Grid, voxel_mm: f
         let mut sum = Vector3::zeros();
         grid.within(&lip, 5.0 * voxel_mm, |slot, _| {
             let normal = model.normals[grid.index(slot)];
-            if normal.dot(&frame.faces[k]).abs() < 0.8 && (grid.point(slot) - frame.position).dot(&into) > seam.reach_mm[k] {
+            if normal.dot(&frame.faces[k]).abs() < 0.8
+                && (grid.point(slot) - frame.position).dot(&into) > seam.reach_mm[k]
+            {
                 sum += normal;
             }
         });

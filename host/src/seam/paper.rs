@@ -15,7 +15,8 @@ const CAPACITY: usize = 192;
 /// Every point whose `Tr³/Det` reaches the threshold, as one seam.
 pub fn find(input: &Input, ratio_threshold: f64) -> Found {
     let Some(threshold) = RatioThreshold::new(ratio_threshold as f32) else {
-        let reason = format!("t = {ratio_threshold} marks everything; it must exceed {}", RatioThreshold::FLOOR);
+        let reason =
+            format!("t = {ratio_threshold} marks everything; it must exceed {}", RatioThreshold::FLOOR);
         return Found { reason, ..Found::default() };
     };
     let edges = edge_points(input, threshold);
@@ -26,7 +27,11 @@ pub fn find(input: &Input, ratio_threshold: f64) -> Found {
             let normal = input.model.normals[w[0]].cast::<f64>();
             let chord = p(w[1]) - p(w[0]);
             let across = (chord - normal * normal.dot(&chord)).try_normalize(1e-9);
-            Station { position_mm: p(w[0]), tangent: across.unwrap_or_else(|| any_across(&normal)), faces: [normal; 2] }
+            Station {
+                position_mm: p(w[0]),
+                tangent: across.unwrap_or_else(|| any_across(&normal)),
+                faces: [normal; 2],
+            }
         })
         .collect();
     if stations.is_empty() {
@@ -76,7 +81,7 @@ pub fn tensors(input: &Input) -> Vec<Tensor> {
     let gradients: Vec<Vector3<f32>> = all()
         .map(|slot| {
             let near = near(slot);
-            gradient(near.iter().map(|(other, offset, _)| (offset, intensities[*other] - intensities[slot])))
+            gradient(near.iter().map(|(other, offset, _)| (*offset, intensities[*other] - intensities[slot])))
         })
         .collect();
     let by_slot: Vec<Tensor> = all()
