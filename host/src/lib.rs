@@ -23,4 +23,5 @@ pub mod seam;
 pub mod selection;
 pub mod serial;
 pub mod simulation;
+pub mod teleop;
 pub mod toolpath;

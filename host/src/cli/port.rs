@@ -23,7 +23,7 @@ pub(super) struct Port {
 #[derive(Debug, clap::Args)]
 pub(super) struct PortOrSim {
     /// Serial port or pseudo-terminal (/dev/ttyACM0), host:port, or unix:/path/of/socket
-    #[arg(long, value_name = "PORT", required_unless_present_any = ["sim", "make_hands"])]
+    #[arg(long, value_name = "PORT")]
     port: Option<Address>,
     /// Speed of a real serial port
     #[arg(long, value_name = "N", default_value_t = 115_200)]
@@ -45,13 +45,14 @@ impl Port {
 impl PortOrSim {
     /// The link, and the emulator at its other end, if there is one.
     pub(super) fn open(&self) -> Result<(Link, Option<Emulator>), Failure> {
-        let emulator = match &self.port {
-            Some(_) => None,
-            None => Some(boot(self.elf.as_deref())?.0),
-        };
+        if self.port.is_none() && !self.sim {
+            let failure = Failure::new(Exit::Usage, "no pendant named");
+            return Err(failure.hint("add --port PORT, or --sim for a simulated one"));
+        }
+        let emulator = if self.sim { Some(boot(self.elf.as_deref())?.0) } else { None };
         let simulated = emulator.as_ref().map(Emulator::address);
         let address =
-            self.port.as_ref().or(simulated).ok_or_else(|| Failure::new(Exit::Usage, "no --port"))?;
+            self.port.as_ref().or(simulated).ok_or_else(|| Failure::new(Exit::Usage, "no pendant named"))?;
         Ok((open(address, self.baud)?, emulator))
     }
 }
