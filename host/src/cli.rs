@@ -7,6 +7,8 @@ mod pendant;
 mod plan;
 mod port;
 mod progress;
+mod scan;
+mod score;
 mod simulate;
 mod stream;
 mod table;
@@ -35,6 +37,8 @@ enum Command {
     Stream(stream::Args),
     Monitor(monitor::Args),
     Pendant(pendant::Args),
+    Scan(scan::Args),
+    Score(score::Args),
 }
 
 /// Runs a subcommand and tells a failure in words on standard error.
@@ -46,6 +50,8 @@ pub(crate) fn run(cli: Cli) -> ExitCode {
         Command::Stream(args) => stream::run(args),
         Command::Monitor(args) => monitor::run(args),
         Command::Pendant(args) => pendant::run(args),
+        Command::Scan(args) => scan::run(args),
+        Command::Score(args) => score::run(args),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
