@@ -51,7 +51,6 @@ pub struct InProcess {
     /// What `--port` takes.
     pub port: String,
     _folder: tempfile::TempDir,
-    _terminal: Option<TTYPort>,
 }
 
 impl InProcess {
@@ -71,29 +70,23 @@ impl InProcess {
                 thread::spawn(move || listen(stream, number, &events));
             }
         });
-        Ok(Self::run(happened, format!("unix:{}", path.display()), folder, None, 0.0))
+        Ok(Self::run(happened, format!("unix:{}", path.display()), folder, 0.0))
     }
 
     /// Behind a pseudo-terminal on which every byte, both ways, is altered with this probability.
     pub fn on_pty(damage: f64) -> io::Result<Self> {
-        let (mut ours, mut theirs) = TTYPort::pair()?;
-        theirs.set_exclusive(false)?;
+        // The host's end is closed again, for a host wants it for itself.
+        let (mut ours, theirs) = TTYPort::pair()?;
         ours.set_timeout(Duration::from_millis(50))?;
         let port = theirs.name().ok_or_else(|| io::Error::other("a terminal without a name"))?;
         let (events, happened) = channel();
         let writer = ours.try_clone_native()?;
         events.send(Event::Joined(Box::new(writer))).map_err(|_| io::ErrorKind::BrokenPipe)?;
         thread::spawn(move || listen(ours, 0, &events));
-        Ok(Self::run(happened, port, tempfile::tempdir()?, Some(theirs), damage))
+        Ok(Self::run(happened, port, tempfile::tempdir()?, damage))
     }
 
-    fn run(
-        events: Receiver<Event>,
-        port: String,
-        folder: tempfile::TempDir,
-        terminal: Option<TTYPort>,
-        damage: f64,
-    ) -> Self {
+    fn run(events: Receiver<Event>, port: String, folder: tempfile::TempDir, damage: f64) -> Self {
         let pendant = Pendant::new(&world::config(), 1).expect("a sound configuration");
         let seen = Arc::new(Mutex::new(Some(Seen {
             panel: Panel::default(),
@@ -113,7 +106,7 @@ impl InProcess {
             seen: Arc::clone(&seen),
         };
         thread::spawn(move || board.run(&events));
-        Self { seen, port, _folder: folder, _terminal: terminal }
+        Self { seen, port, _folder: folder }
     }
 
     fn lock(&self) -> MutexGuard<'_, Option<Seen>> {
@@ -161,7 +154,8 @@ fn listen(mut reader: impl Read, number: usize, events: &Sender<Event>) {
         match reader.read(&mut buffer) {
             Ok(0) => return,
             Ok(count) if events.send(Event::Bytes(number, buffer[..count].to_vec())).is_err() => return,
-            Err(e) if !matches!(e.kind(), io::ErrorKind::TimedOut | io::ErrorKind::WouldBlock) => return,
+            // A time-out, or a pseudo-terminal that no host has opened.
+            Err(_) => thread::sleep(TICK),
             _ => {}
         }
     }

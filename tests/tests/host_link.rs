@@ -103,7 +103,7 @@ fn stop_ends_the_weld_for_good_and_says_so_by_its_exit_code() {
     let output = host.wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(7), "{}", text(&output));
     assert!(text(&output).contains("stop was asked for"), "{}", text(&output));
-    assert!(!pendant.seen().arc && pendant.seen().state == State::Idle, "{:?}", pendant.seen());
+    assert!(!pendant.wait_for("the abort", |seen| seen.state == State::Idle).arc);
 }
 
 #[test]
