@@ -8,7 +8,7 @@ use weldpath::export::json;
 use weldpath::link::program::{self, Upload};
 use weldpath::link::{Event, Link, cause_words, fault_words, refusal_words, state_words};
 use weldpath_core::interlock::State;
-use weldpath_core::wire::{Answer, Command, Refusal, Telemetry};
+use weldpath_core::wire::{Answer, Command, Field, Refusal, Telemetry};
 
 use super::keys::{CTRL_C, Keys};
 use super::port::{Port, lost};
@@ -291,6 +291,11 @@ impl<'a> Weld<'a> {
         };
         self.arm()?;
         let back_um = (self.args.back_mm * 1000.0).round() as u32;
-        self.ask(Command::Resume { path: PATH, changes: held.changes, back_um })
+        let resume = |back_um| self.ask(Command::Resume { path: PATH, changes: held.changes, back_um });
+        match resume(back_um)? {
+            // There is not so much path behind the torch: it goes on from where it stands.
+            Answer::Refused(Refusal::Value(Field::Back)) => resume(0),
+            answer => Ok(answer),
+        }
     }
 }
