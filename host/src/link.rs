@@ -100,6 +100,7 @@ pub enum Event {
     Fault(Fault),
 }
 
+#[allow(clippy::large_enum_variant, reason = "few are alive at a time")]
 enum Input {
     Bytes(Vec<u8>),
     Failed(String),

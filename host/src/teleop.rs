@@ -171,6 +171,7 @@ impl Follower {
 }
 
 /// The host's own answers to what it asks the pendant: the same code on the same integers.
+#[derive(Default)]
 pub struct Twin {
     tasks: Tasks,
     workspace: Box<Workspace>,
@@ -193,12 +194,6 @@ impl Twin {
     /// The answer to a neighbourhood.
     pub fn score(&mut self, patch: &weldpath_core::wire::Patch) -> Answer {
         self.tasks.perform(&Task::Score(patch.clone()), &mut self.workspace)
-    }
-}
-
-impl Default for Twin {
-    fn default() -> Self {
-        Self { tasks: Tasks::default(), workspace: Box::default() }
     }
 }
 

@@ -204,6 +204,9 @@ fn the_made_recording_captures_six_views_through_all_regions_with_clutch_and_los
     }
 }
 
+/// A palm's place in tenths of a millimetre, and the fingers.
+type Palm = ([i32; 3], u8);
+
 #[test]
 fn compressed_recordings_hold_the_same_hands_as_the_derived_tables() {
     let folder = "real/leapmotion+leapjs-playback/recorder/recordings";
@@ -218,9 +221,8 @@ fn compressed_recordings_hold_the_same_hands_as_the_derived_tables() {
         let (leap, csv) = (seen(leap), seen(csv));
         assert!(leap.len() > 100);
         assert_eq!(leap.len(), csv.len(), "{name}");
-        let near = |(a, b): (&([i32; 3], u8), &([i32; 3], u8))| {
-            a.1 == b.1 && a.0.iter().zip(b.0).all(|(a, b)| (a - b).abs() <= 1)
-        };
+        let near =
+            |(a, b): (&Palm, &Palm)| a.1 == b.1 && a.0.iter().zip(b.0).all(|(a, b)| (a - b).abs() <= 1);
         assert!(leap.iter().zip(&csv).all(near), "{name}");
     }
 }

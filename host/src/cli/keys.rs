@@ -19,7 +19,9 @@ pub(super) struct Keys {
 impl Keys {
     pub(super) fn new() -> Self {
         let (press, pressed) = channel();
-        thread::spawn(move || stdin().bytes().map_while(Result::ok).try_for_each(|key| press.send(key)));
+        thread::spawn(move || {
+            stdin().lock().bytes().map_while(Result::ok).try_for_each(|key| press.send(key))
+        });
         Self { pressed, before: unseen(), ended: false }
     }
 

@@ -145,7 +145,8 @@ fn within_reach(
     limits: &Limits,
 ) -> Result<WirePose, Error> {
     let error = Error::Reach { index, reach_mm: limits.reach_um / 1000 };
-    if !(position_mm.coords.norm() * 1000.0 < f64::from(limits.reach_um)) {
+    let is_near = position_mm.coords.norm() * 1000.0 < f64::from(limits.reach_um);
+    if !is_near {
         return Err(error);
     }
     let q = orientation.quaternion().cast::<f32>();
