@@ -1,9 +1,16 @@
 //! Command line: subcommands, exit codes, and how a failure is told.
 
 mod evaluate;
+mod keys;
+mod monitor;
+mod pendant;
 mod plan;
+mod port;
 mod progress;
+mod scan;
+mod score;
 mod simulate;
+mod stream;
 mod table;
 
 use std::io::Write;
@@ -12,7 +19,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 
 const EXIT_CODES: &str = "Exit codes: 0 done; 2 wrong usage or job file; 3 no seam found; 4 input cannot be read; \
-                          5 output cannot be written.";
+                          5 output cannot be written; 6 no pendant, or the link was lost; 7 the pendant did not finish.";
 
 /// From scans of a workpiece to the motion of a welding torch.
 #[derive(Debug, Parser)]
@@ -27,6 +34,11 @@ enum Command {
     Plan(plan::Args),
     Simulate(simulate::Args),
     Evaluate(evaluate::Args),
+    Stream(stream::Args),
+    Monitor(monitor::Args),
+    Pendant(pendant::Args),
+    Scan(scan::Args),
+    Score(score::Args),
 }
 
 /// Runs a subcommand and tells a failure in words on standard error.
@@ -35,6 +47,11 @@ pub(crate) fn run(cli: Cli) -> ExitCode {
         Command::Plan(args) => plan::run(args),
         Command::Simulate(args) => simulate::run(args),
         Command::Evaluate(args) => evaluate::run(args),
+        Command::Stream(args) => stream::run(args),
+        Command::Monitor(args) => monitor::run(args),
+        Command::Pendant(args) => pendant::run(args),
+        Command::Scan(args) => scan::run(args),
+        Command::Score(args) => score::run(args),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
@@ -55,6 +72,8 @@ enum Exit {
     NoSeam = 3,
     Input = 4,
     Output = 5,
+    Pendant = 6,
+    Unfinished = 7,
 }
 
 /// Why a command did not do its work.

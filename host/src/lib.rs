@@ -7,10 +7,13 @@
 pub mod cloud;
 pub mod denoising;
 pub mod downsampling;
+#[cfg(unix)]
+pub mod emulator;
 pub mod evaluation;
 pub mod export;
 pub mod grid;
 pub mod job;
+pub mod link;
 pub mod normals;
 pub mod orientation;
 pub mod pipeline;
@@ -19,5 +22,7 @@ pub mod reconstruction;
 pub mod scan;
 pub mod seam;
 pub mod selection;
+pub mod serial;
 pub mod simulation;
+pub mod teleop;
 pub mod toolpath;

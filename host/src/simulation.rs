@@ -94,5 +94,24 @@ pub fn simulate(request: &Request) -> Result<Simulated, Error> {
     Ok(Simulated { camera, flange_from_camera, views, truth, format: request.format })
 }
 
+/// The scan that a camera moved by hand makes of a request's workpiece: views taken at these poses, with the truth for
+/// them. The robot reports the poses with the errors of [`simulate`].
+pub fn captured(request: &Request, base_from_camera: &[Isometry3<f64>]) -> Result<Simulated, Error> {
+    request.check()?;
+    let piece = Workpiece::of(request);
+    let placed = placement::Placement::of(&piece, request);
+    let scene = placed.scene(&piece);
+    let camera = Camera::with_size(request.width, request.height);
+    let seed = random::Stream::new(request.seed, request.part.name(), 2).next();
+    let view = |(i, pose): (usize, &Isometry3<f64>)| SimulatedView {
+        image: camera.capture(&scene, pose, request.noise, seed, i as u64),
+        base_from_flange: placement::reported(pose, request, i),
+    };
+    let views = base_from_camera.iter().enumerate().map(view).collect();
+    let truth = truth::of(request, &piece, &placed, &scene, base_from_camera);
+    let flange_from_camera = placement::flange_from_camera();
+    Ok(Simulated { camera, flange_from_camera, views, truth, format: request.format })
+}
+
 #[cfg(test)]
 mod tests;

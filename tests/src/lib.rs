@@ -5,6 +5,8 @@ pub mod urscript;
 
 pub mod adversary;
 pub mod bench;
+pub mod command;
+pub mod in_process;
 pub mod qemu;
 pub mod world;
 

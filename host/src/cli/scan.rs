@@ -1,0 +1,179 @@
+//! `weldpath scan`: hands guide the simulated camera through the pendant, and capture views.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use nalgebra::Isometry3;
+use weldpath::job::quantity::Place;
+use weldpath::simulation::{self, Format, Noise, Part, Pose, Request};
+use weldpath::teleop::{self, REGIONS, Session, Setup, generator, recording};
+use weldpath_core::wire::HandFrame;
+
+use super::port::{PortOrSim, lost};
+use super::{Exit, Failure, print};
+
+/// Scan a simulated workpiece by hand gestures, played from recordings to the pendant
+///
+/// The steering hand moves the camera: outside the interaction box along one of six directions, inside it the camera
+/// looks where the palm looks; a closed fist is the clutch, a lost hand stops the camera. The right hand's "ok", held
+/// for 50 ms, captures a view. DIR is then a scan for `weldpath plan`.
+#[derive(Debug, clap::Args)]
+pub(super) struct Args {
+    /// Recording: Leap Motion JSON, plain or LZ-String compressed, or CSV; several are joined in their order
+    #[arg(long, value_name = "FILE", required_unless_present = "make_hands")]
+    hands: Vec<PathBuf>,
+    /// Make a recording that scans the part, write it here as CSV, and end
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["hands", "port", "sim", "out"])]
+    make_hands: Option<PathBuf>,
+    #[command(flatten)]
+    port: PortOrSim,
+    /// Folder for the scan
+    #[arg(long, value_name = "DIR", required_unless_present = "make_hands")]
+    out: Option<PathBuf>,
+    /// The workpiece under the camera, as in `weldpath simulate`
+    #[arg(long, default_value = "butt-v")]
+    part: Part,
+    /// Its sizes, place and noise follow from it
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// none, low, mid or high
+    #[arg(long, default_value_t = Noise::Mid)]
+    noise: Noise,
+    /// The hand that steers; the right one captures in any case
+    #[arg(long, value_name = "HAND", default_value = "left", value_parser = ["left", "right"])]
+    steer: String,
+    /// Middle of the interaction box, mm, sensor frame
+    #[arg(long, value_name = "X,Y,Z", default_value = "0,200,0", allow_hyphen_values = true)]
+    box_center: Place,
+    /// Edge of the interaction box
+    #[arg(long, value_name = "MM", default_value_t = 100.0)]
+    box_mm: f64,
+    /// Print nothing but errors
+    #[arg(long, short)]
+    quiet: bool,
+}
+
+/// Views that the made recording captures.
+const VIEWS: usize = 6;
+
+pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    if !(10.0..=1000.0).contains(&args.box_mm) {
+        return Err(Failure::new(Exit::Usage, format!("--box-mm is {}, not 10 to 1000", args.box_mm)));
+    }
+    let request = request(args);
+    let stage = simulation::stage(&request).map_err(|error| Failure::new(Exit::Usage, error))?;
+    let start = stage.base_from_camera[0];
+    let setup = Setup {
+        base_from_camera: start,
+        box_center_mm: args.box_center.get(),
+        box_mm: args.box_mm,
+        steer_right: args.steer == "right",
+    };
+    match &args.make_hands {
+        Some(file) => make(args, file, &setup, &stage.base_from_camera),
+        None => scan(args, &request, &setup),
+    }
+}
+
+fn request(args: &Args) -> Request {
+    Request {
+        part: args.part,
+        pose: Pose::Flat,
+        views: Some(VIEWS),
+        noise: args.noise,
+        seed: args.seed,
+        width: 640,
+        height: 480,
+        weak: false,
+        format: Format::Png,
+        angle_deg: None,
+        length_mm: None,
+    }
+}
+
+fn make(args: &Args, file: &PathBuf, setup: &Setup, poses: &[Isometry3<f64>]) -> Result<(), Failure> {
+    let setup = Setup { steer_right: false, ..*setup };
+    let frames = generator::recording(&setup, poses)
+        .ok_or_else(|| Failure::new(Exit::Usage, "these poses cannot be reached from within this box"))?;
+    let part =
+        format!("made by `weldpath scan --make-hands` for seed {} of the part; no hand moved", args.seed);
+    let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
+    let written =
+        tempfile::NamedTempFile::new_in(folder.unwrap_or(".".as_ref())).and_then(|mut unfinished| {
+            std::io::Write::write_all(&mut unfinished, recording::to_csv(&frames, &part).as_bytes())?;
+            unfinished.persist(file).map_err(|error| error.error)
+        });
+    written
+        .map_err(|error| Failure::new(Exit::Output, format!("cannot write {}: {error}", file.display())))?;
+    let text = format!("{}: {} frames, {} captures\n", file.display(), frames.len(), poses.len());
+    if args.quiet { Ok(()) } else { print(&text) }
+}
+
+fn scan(args: &Args, request: &Request, setup: &Setup) -> Result<(), Failure> {
+    let out = args.out.as_deref().ok_or_else(|| Failure::new(Exit::Usage, "no --out"))?;
+    if out.join("scan.json").exists() && !out.join("truth.json").exists() {
+        let message = format!("{} holds a scan that was not simulated; it is left as it is", out.display());
+        return Err(Failure::new(Exit::Output, message).hint("choose another folder with --out"));
+    }
+    let read = |file: &PathBuf| recording::read(file).map_err(|error| Failure::new(Exit::Input, error));
+    let frames = recording::join(args.hands.iter().map(read).collect::<Result<Vec<_>, _>>()?);
+    let (link, _emulator) = args.port.open()?;
+    let session = play(&frames, setup, &link)?;
+    if !args.quiet {
+        print(&table(&session))?;
+    }
+    let poses: Vec<Isometry3<f64>> = session.captures.iter().map(|(_, pose)| *pose).collect();
+    if poses.is_empty() {
+        return Err(Failure::new(Exit::Unfinished, "no view was captured: the recording holds no \"ok\"")
+            .hint("\"ok\" is pinch > 0.7, grab < 0.5, middle to little finger extended, held 50 ms"));
+    }
+    let scan = simulation::captured(request, &poses).map_err(|error| Failure::new(Exit::Usage, error))?;
+    simulation::write(&scan, out).map_err(|error| Failure::new(Exit::Output, error))?;
+    let text = format!("{}: {} views\nnext: weldpath plan {}\n", out.display(), poses.len(), out.display());
+    if args.quiet { Ok(()) } else { print(&text) }
+}
+
+fn play(frames: &[HandFrame], setup: &Setup, link: &weldpath::link::Link) -> Result<Session, Failure> {
+    teleop::play(frames, setup, |command| link.ask(command)).map_err(|error| match error {
+        teleop::Error::Link(error) => lost(error),
+        teleop::Error::Setup => Failure::new(Exit::Usage, error),
+        refused => {
+            Failure::new(Exit::Unfinished, refused).hint("hand frames are answered while nothing moves")
+        }
+    })
+}
+
+/// Latency of each motion, beside the paper's.
+fn table(session: &Session) -> String {
+    let mut text = format!(
+        "{} frames: {} clutched, {} without a steering hand; {} poses are the host's own to the last bit\n\
+         answer time per frame, ms (the paper's include its robot's motion)\n\
+         {:10} {:>6} {:>8} {:>8} {:>8} {:>8}\n",
+        session.frames,
+        session.clutched,
+        session.lost,
+        session.agreed,
+        "motion",
+        "frames",
+        "median",
+        "95 %",
+        "max",
+        "paper"
+    );
+    for (number, (name, latency)) in REGIONS.iter().zip(&session.latency).enumerate() {
+        let paper_ms = if number == 0 { 900 } else { 50 };
+        let [median, most, max] = quantiles(latency);
+        text += &format!("{name:10} {:>6} {median:>8} {most:>8} {max:>8} {paper_ms:>8}\n", latency.len());
+    }
+    text
+}
+
+/// Median, 95th percentile and maximum in milliseconds.
+fn quantiles(latency: &[Duration]) -> [String; 3] {
+    let mut sorted = latency.to_vec();
+    sorted.sort_unstable();
+    let at =
+        |share: f64| sorted.get(((sorted.len() as f64 * share) as usize).min(sorted.len().saturating_sub(1)));
+    [0.5, 0.95, 1.0]
+        .map(|share| at(share).map_or("-".into(), |time| format!("{:.2}", time.as_secs_f64() * 1e3)))
+}

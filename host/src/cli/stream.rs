@@ -1,0 +1,301 @@
+//! `weldpath stream`: a planned program into the pendant, and the weld under the operator's keys.
+
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use indicatif::{ProgressBar, ProgressStyle};
+use weldpath::export::json;
+use weldpath::link::program::{self, Upload};
+use weldpath::link::{Event, Link, cause_words, fault_words, refusal_words, state_words};
+use weldpath_core::interlock::State;
+use weldpath_core::wire::{Answer, Command, Field, Refusal, Telemetry};
+
+use super::keys::{CTRL_C, Keys};
+use super::port::{Port, lost};
+use super::{Exit, Failure, print};
+
+/// Load a planned program into the pendant and weld it
+///
+/// Keys: Enter start, h or space hold, r resume, s or Ctrl-C stop. They work on a terminal at once; from a pipe they
+/// are read as they come, and the weld starts by itself as soon as the enabling switch is held. Whatever happens to
+/// this program, the pendant holds with the arc off when it has not heard from it for 200 ms.
+#[derive(Debug, clap::Args)]
+pub(super) struct Args {
+    /// Folder that `weldpath plan` wrote, or its path.json
+    #[arg(value_name = "DIR|path.json")]
+    program: PathBuf,
+    #[command(flatten)]
+    port: Port,
+    /// On resume go back along the path by this much first, arc off: the overlap
+    #[arg(long, value_name = "MM", default_value_t = 0.0)]
+    back_mm: f64,
+    /// Move without striking the arc
+    #[arg(long)]
+    no_arc: bool,
+    /// Print nothing but errors
+    #[arg(long, short)]
+    quiet: bool,
+}
+
+/// The path's id: the first of a session.
+const PATH: u16 = 1;
+/// Farthest way back, mm.
+const MOST_BACK_MM: f64 = 1000.0;
+const TURN: Duration = Duration::from_millis(20);
+
+pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    if !(0.0..=MOST_BACK_MM).contains(&args.back_mm) {
+        return Err(Failure::new(
+            Exit::Usage,
+            format!("--back-mm is {}, not 0 to {MOST_BACK_MM}", args.back_mm),
+        ));
+    }
+    let planned = read(&args.program)?;
+    let link = args.port.open()?;
+    let limits = link.pendant().limits;
+    let upload = program::upload(&planned, &limits).map_err(|error| {
+        Failure::new(Exit::Unfinished, error)
+            .hint("plan again with what the pendant can do; nothing was sent")
+    })?;
+    let mut weld = Weld::new(args, &link, &upload);
+    weld.load()?;
+    weld.wait_and_start()?;
+    weld.watch()
+}
+
+fn read(program: &Path) -> Result<Vec<weldpath::toolpath::program::Waypoint>, Failure> {
+    let file = if program.is_dir() { program.join("path.json") } else { program.into() };
+    let cannot = |why: String| {
+        Failure::new(Exit::Input, format!("cannot read {}: {why}", file.display()))
+            .hint("`weldpath plan` writes path.json")
+    };
+    let text = std::fs::read_to_string(&file).map_err(|error| cannot(error.to_string()))?;
+    json::read(&text).map_err(|error| cannot(error.to_string()))
+}
+
+/// One program on its way.
+struct Weld<'a> {
+    args: &'a Args,
+    link: &'a Link,
+    upload: &'a Upload,
+    keys: Keys,
+    bar: ProgressBar,
+    state: Option<Telemetry>,
+    said: Option<State>,
+}
+
+impl<'a> Weld<'a> {
+    fn new(args: &'a Args, link: &'a Link, upload: &'a Upload) -> Self {
+        let keys = Keys::new();
+        let shown = keys.is_terminal() && !args.quiet;
+        let bar = if shown { ProgressBar::new(upload.waypoints.len() as u64) } else { ProgressBar::hidden() };
+        let style = ProgressStyle::with_template("{bar:32} {pos}/{len} waypoints {elapsed:>4} {msg}");
+        bar.set_style(style.unwrap_or(ProgressStyle::default_bar()));
+        Self { args, link, upload, keys, bar, state: None, said: None }
+    }
+
+    fn say(&self, text: &str) -> Result<(), Failure> {
+        if self.args.quiet { Ok(()) } else { self.bar.suspend(|| print(&format!("{text}\n"))) }
+    }
+
+    /// Sends the path until it is there, or, if it is longer than the ring, until the ring is half full.
+    fn load(&mut self) -> Result<(), Failure> {
+        let begin = self.upload.begin(PATH, &self.link.pendant().limits);
+        let prefilled = self.link.pendant().limits.ring / 2 + u32::from(begin.chunk);
+        let began = Instant::now();
+        self.bar.set_message("loading");
+        self.link.load(begin, self.upload.waypoints.clone()).map_err(lost)?;
+        loop {
+            self.stop_if_asked()?;
+            match self.next()? {
+                Some(Event::Loaded) => break,
+                Some(Event::Progress(ack)) if begin.streamed && ack.next >= prefilled => break,
+                _ => {}
+            }
+        }
+        let (total, took_s) = (begin.total, began.elapsed().as_secs_f64());
+        let how = if begin.streamed { "streaming" } else { "loaded" };
+        self.say(&format!("{how} {total} waypoints, {took_s:.2} s"))
+    }
+
+    /// The next event, with what every stage has to do about it done.
+    fn next(&mut self) -> Result<Option<Event>, Failure> {
+        let event = self.link.next(TURN).map_err(|error| self.gone(error))?;
+        match &event {
+            Some(Event::Telemetry(state)) => self.state = Some(*state),
+            Some(Event::Progress(ack)) if self.said.is_none() => self.bar.set_position(ack.next.into()),
+            Some(Event::LoadRefused(why)) => {
+                let failure =
+                    Failure::new(Exit::Unfinished, format!("path refused: {}", refusal_words(*why)));
+                return Err(failure.hint("the pendant is as it was before"));
+            }
+            Some(Event::ChunkRefused(refused)) => {
+                let index =
+                    (refused.first as usize + usize::from(refused.at)).min(self.upload.origin.len() - 1);
+                let (at, why) = (self.upload.origin[index], refused.why);
+                let message = format!("waypoint {at} of the program (counted from 0) refused: {why:?}");
+                return Err(Failure::new(Exit::Unfinished, message));
+            }
+            Some(Event::Fault(fault)) => self.say(&format!("fault: {}", fault_words(*fault)))?,
+            _ => {}
+        }
+        Ok(event)
+    }
+
+    fn gone(&self, error: weldpath::link::Error) -> Failure {
+        let place = self.state.map(|state| format!("; last known {}", self.place(&state)));
+        let failure = lost(error);
+        Failure { message: format!("{}{}", failure.message, place.unwrap_or_default()), ..failure }
+    }
+
+    /// Where the torch is, in the program's own count.
+    fn place(&self, state: &Telemetry) -> String {
+        let at = self.upload.origin.get(state.segment as usize).copied().unwrap_or(0);
+        format!("{} at waypoint {at} of the program", state_words(state.state))
+    }
+
+    fn stop_if_asked(&mut self) -> Result<(), Failure> {
+        match self.keys.next() {
+            Some(b's' | CTRL_C) => {
+                self.ask(Command::Abort { path: PATH })?;
+                Err(Failure::new(Exit::Unfinished, "stopped before the start; nothing moved"))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn ask(&self, command: Command) -> Result<Answer, Failure> {
+        self.link.ask(command).map_err(|error| self.gone(error))
+    }
+
+    /// Until the enabling switch is held and, on a terminal, Enter is pressed.
+    fn wait_and_start(&mut self) -> Result<(), Failure> {
+        let mut told = None;
+        let mut entered = !self.keys.is_terminal();
+        loop {
+            self.next()?;
+            let Some(state) = self.state else { continue };
+            let enabled = state.pins & Telemetry::ENABLED != 0;
+            let wanted = match state.fault {
+                Some(fault) => format!("waiting: {}", fault_words(fault)),
+                None if !enabled => "waiting for the enabling switch (released first, then held)".into(),
+                None if !entered => "Enter starts; s ends".into(),
+                None => match self.start()? {
+                    None => return Ok(()),
+                    Some(refused) => refusal_words(refused),
+                },
+            };
+            if told.as_ref() != Some(&wanted) {
+                self.say(&wanted)?;
+                told = Some(wanted);
+            }
+            match self.keys.next() {
+                Some(b'\n' | b'\r') => entered = true,
+                Some(b's' | CTRL_C) => {
+                    self.ask(Command::Abort { path: PATH })?;
+                    return Err(Failure::new(Exit::Unfinished, "stopped before the start; nothing moved"));
+                }
+                _ => {}
+            }
+        }
+    }
+
+    /// Why it did not start, if it did not.
+    fn start(&mut self) -> Result<Option<Refusal>, Failure> {
+        self.arm()?;
+        self.bar.set_message("h hold, r resume, s stop");
+        match self.ask(Command::Start { path: PATH })? {
+            Answer::Refused(why) => Ok(Some(why)),
+            _ => Ok(None),
+        }
+    }
+
+    fn arm(&self) -> Result<(), Failure> {
+        self.ask(Command::ArcArm { armed: !self.args.no_arc }).map(drop)
+    }
+
+    /// Until the path is finished or cannot be.
+    fn watch(&mut self) -> Result<(), Failure> {
+        let began = Instant::now();
+        loop {
+            if let Some(key) = self.keys.next() {
+                self.key(key)?;
+            }
+            let event = self.next()?;
+            let (Some(Event::Telemetry(_)), Some(state)) = (event, self.state) else { continue };
+            self.bar.set_position(state.segment.into());
+            if state.finished == Some(PATH) {
+                self.bar.finish_and_clear();
+                let took_s = began.elapsed().as_secs_f64();
+                return self
+                    .say(&format!("finished, {took_s:.1} s; the pendant is {}", state_words(state.state)));
+            }
+            self.told_of(&state)?;
+            self.ended(&state)?;
+        }
+    }
+
+    fn told_of(&mut self, state: &Telemetry) -> Result<(), Failure> {
+        if self.said == Some(state.state) {
+            return Ok(());
+        }
+        self.said = Some(state.state);
+        let why = state.cause.map(|cause| format!(": {}", cause_words(cause))).unwrap_or_default();
+        let key = if state.state == State::Held { "; r resumes, s ends" } else { "" };
+        self.say(&format!("{}{why}{key}", self.place(state)))
+    }
+
+    /// A hold that cannot be left, or that nobody is there to leave, ends the command.
+    fn ended(&mut self, state: &Telemetry) -> Result<(), Failure> {
+        let final_hold = state.cause.is_some_and(|cause| !cause.is_resumable()) || self.keys.have_ended();
+        let over = match state.state {
+            State::Fault => true,
+            State::Held => final_hold,
+            State::Disabled | State::Idle => state.load.is_none(),
+            _ => false,
+        };
+        if !over {
+            return Ok(());
+        }
+        let why = match (state.fault, state.cause) {
+            (Some(fault), _) => format!(": {}", fault_words(fault)),
+            (_, Some(cause)) => format!(": {}", cause_words(cause)),
+            _ => String::new(),
+        };
+        if state.state == State::Held {
+            self.ask(Command::Abort { path: PATH })?;
+        }
+        self.bar.finish_and_clear();
+        let message = format!("the weld was not finished: {}{why}", self.place(state));
+        Err(Failure::new(Exit::Unfinished, message).hint("the arc is off and the torch stands"))
+    }
+
+    fn key(&mut self, key: u8) -> Result<(), Failure> {
+        let answer = match key {
+            b'h' | b' ' => self.ask(Command::Hold)?,
+            b's' | CTRL_C => self.ask(Command::Stop)?,
+            b'r' => self.resume()?,
+            _ => return Ok(()),
+        };
+        match answer {
+            Answer::Refused(why) => self.say(&format!("refused: {}", refusal_words(why))),
+            _ => Ok(()),
+        }
+    }
+
+    fn resume(&mut self) -> Result<Answer, Failure> {
+        let Some(held) = self.state.filter(|state| state.state == State::Held) else {
+            return Ok(Answer::Refused(Refusal::State(
+                self.state.map_or(State::Disabled, |state| state.state),
+            )));
+        };
+        self.arm()?;
+        let back_um = (self.args.back_mm * 1000.0).round() as u32;
+        let resume = |back_um| self.ask(Command::Resume { path: PATH, changes: held.changes, back_um });
+        match resume(back_um)? {
+            // There is not so much path behind the torch: it goes on from where it stands.
+            Answer::Refused(Refusal::Value(Field::Back)) => resume(0),
+            answer => Ok(answer),
+        }
+    }
+}
