@@ -68,6 +68,11 @@ impl Scale {
         Self { edge_mm, least, spacing_mm, noise_mm, how }
     }
 
+    /// The same cloud in voxels `factor` times as large.
+    pub fn coarser(&self, factor: f32) -> Self {
+        Self { edge_mm: self.edge_mm * factor, ..*self }
+    }
+
     /// Widths of the bilateral filter for these voxels.
     pub fn bilateral(&self) -> crate::denoising::Config {
         crate::denoising::Config {

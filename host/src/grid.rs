@@ -9,7 +9,7 @@ use std::ops::Range;
 /// Table entries per point at most; beyond that the cells grow.
 const MAX_ENTRIES_PER_POINT: usize = 8;
 /// Table entries that are always affordable.
-const MIN_ENTRIES: usize = 1 << 16;
+const MIN_ENTRIES: usize = 1 << 20;
 
 /// Points sorted by cell. A *slot* is a position in that order.
 ///

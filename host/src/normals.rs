@@ -102,7 +102,7 @@ pub fn estimate(view: &View, config: &Config) -> Patches {
         // The cell's own mean, not its foot on a larger plane: that would move curved surfaces inward.
         let position = grid.centre(cells.cells[k]) + mean;
         let incidence_cos = (plane.normal.dot(&position.coords) / position.coords.norm()).abs();
-        if incidence_cos < std::env::var("INC").ok().and_then(|v| v.parse().ok()).unwrap_or(0.0f32) {
+        if incidence_cos < config.min_incidence_cos {
             continue;
         }
         let facing = if plane.normal.dot(&position.coords) > 0.0 { -plane.normal } else { plane.normal };

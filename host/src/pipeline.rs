@@ -99,40 +99,47 @@ pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Re
     let registration =
         clock.time("reconstruction", || reconstruction::register(views, &patches, &config.reconstruction));
     let merged = clock.time("merge", || Merged::new(views, &registration.base_from_camera));
-    observer.stage("downsampling");
-    let scale = downsampling::Scale::of(&merged, &patches, &config.downsampling);
-    let mut voxels =
-        clock.time("downsampling", || downsampling::voxel_grid(&merged, scale.edge_mm, scale.least));
-    if views.iter().any(|v| !v.camera_known && v.normals.is_empty()) {
-        clock.time("orientation", || orientation::propagate(&mut voxels));
-    }
-    observer.cloud("downsampling", &voxels.cloud);
-    observer.stage("denoising");
-    let model = clock.time("denoising", || denoising::bilateral(&voxels.cloud, &scale.bilateral()));
-    observer.cloud("denoising", &model);
-    if model.len() < MIN_POINTS {
-        return Err(no_seam(format!(
-            "{} voxels are too few for two faces; at least {MIN_POINTS} are needed",
-            model.len()
-        )));
-    }
-    observer.stage("seam");
-    let input = seam::Input {
-        merged: &merged,
-        voxels: &voxels,
-        model: &model,
-        registration: Some(&registration),
-        whole_views: views.len() > 1 && views.iter().all(|v| v.camera_known),
-    };
-    let found = match config.method {
-        Method::Weldpath => clock.time("seam", || seam::find(&input, &config.seam)),
-        Method::Paper { ratio_threshold } => {
-            clock.time("seam", || seam::paper::find(&input, ratio_threshold))
+    let whole_views = views.len() > 1 && views.iter().all(|v| v.camera_known);
+    let unknown_side = views.iter().any(|v| !v.camera_known && v.normals.is_empty());
+    let first = downsampling::Scale::of(&merged, &patches, &config.downsampling);
+    // Coarse or quantised clouds show their seams only at a larger scale.
+    let resolves = |scale: &downsampling::Scale| scale.edge_mm <= COARSEST_MM.max(first.edge_mm);
+    let mut scales =
+        COARSER.iter().map(|factor| first.coarser(*factor)).filter(resolves).collect::<Vec<_>>().into_iter();
+    let (scale, model, found) = loop {
+        let Some(scale) = scales.next() else { return Err(no_seam(NOTHING.into())) };
+        observer.stage("downsampling");
+        let mut voxels =
+            clock.time("downsampling", || downsampling::voxel_grid(&merged, scale.edge_mm, scale.least));
+        if unknown_side {
+            clock.time("orientation", || orientation::propagate(&mut voxels));
+        }
+        observer.cloud("downsampling", &voxels.cloud);
+        observer.stage("denoising");
+        let model = clock.time("denoising", || denoising::bilateral(&voxels.cloud, &scale.bilateral()));
+        observer.cloud("denoising", &model);
+        if model.len() < MIN_POINTS {
+            let reason =
+                format!("{} voxels are too few for two faces; at least {MIN_POINTS} are needed", model.len());
+            return Err(no_seam(reason));
+        }
+        observer.stage("seam");
+        let registration = Some(&registration);
+        let input =
+            seam::Input { merged: &merged, voxels: &voxels, model: &model, registration, whole_views };
+        let found = match config.method {
+            Method::Weldpath => clock.time("seam", || seam::find(&input, &config.seam)),
+            Method::Paper { ratio_threshold } => {
+                clock.time("seam", || seam::paper::find(&input, ratio_threshold))
+            }
+        };
+        if !found.seams.is_empty() {
+            break (scale, model, found);
+        }
+        if scales.len() == 0 || whole_views {
+            return Err(no_seam(found.reason));
         }
     };
-    if found.seams.is_empty() {
-        return Err(no_seam(found.reason));
-    }
     observer.stage("toolpath");
     let paths = clock.time("toolpath", || found.seams.iter().map(SeamPath::along).collect());
     let reports = if views.len() > 1 { registration.report(views) } else { Vec::new() };
@@ -142,6 +149,11 @@ pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Re
     Ok(Plan { model, seams: found.seams, paths, views: reports, derived, stage_s: clock.stages, warnings })
 }
 
+/// Scales that are tried until one shows a seam, in multiples of the first.
+const COARSER: [f32; 3] = [1.0, 1.8, 2.8];
+/// Coarser voxels resolve no plate edge, mm.
+const COARSEST_MM: f32 = 2.5;
+const NOTHING: &str = "there is no inside corner between two faces";
 /// Fewer voxels than this cannot make two faces.
 const MIN_POINTS: usize = 40;
 
@@ -161,7 +173,7 @@ fn derived(scale: &downsampling::Scale, gate: f32) -> Vec<Derived> {
         row("bilateral_radius_mm", filter.radius_mm, "3 voxels"),
         row("bilateral_distance_mm", filter.distance_mm, "1.5 voxels"),
         row("bilateral_height_mm", filter.height_mm, "1.7 x noise"),
-        row("intensity_gate", gate, "1.8 x median intensity, at least 0.1"),
+        row("intensity_gate", gate, "1.8 x median intensity, between 0.10 and 0.13"),
     ]
 }
 
@@ -179,7 +191,11 @@ impl Clock {
     fn time<T>(&mut self, stage: &'static str, work: impl FnOnce() -> T) -> T {
         let begin = Instant::now();
         let done = work();
-        self.stages.push((stage, begin.elapsed().as_secs_f64()));
+        let spent = begin.elapsed().as_secs_f64();
+        match self.stages.iter_mut().find(|(name, _)| *name == stage) {
+            Some((_, total)) => *total += spent,
+            None => self.stages.push((stage, spent)),
+        }
         done
     }
 }

@@ -160,10 +160,15 @@ pub fn find(input: &Input, config: &Config) -> Found {
     });
     let measured: Vec<(&chain::Chain, refine::Refined)> = seams.collect();
     let most_mm = config.refine.reach * v;
-    found.seams = measured.iter().map(|(chain, seam)| describe(input, chain, seam, &grid, most_mm)).collect();
+    let described = measured.iter().map(|(chain, seam)| describe(input, chain, seam, &grid, most_mm));
+    let (sure, unsure): (Vec<Seam>, Vec<Seam>) = described.partition(is_sure);
+    found.seams = sure;
+    found.warnings.extend(unsure.iter().map(left_out));
     mark_branches(&mut found.seams, 6.0 * f64::from(v));
     order(&mut found.seams);
+    let unsure = unsure.first().map(left_out);
     found.reason = match (on_table.is_empty(), off_table.is_empty()) {
+        _ if unsure.is_some() => unsure.unwrap_or_default(),
         (false, true) => "the only inside corners are where the work rests on the table".into(),
         (_, false) => "no inside corner is long and steady enough to be a seam".into(),
         _ => "there is no inside corner between two faces".into(),
@@ -179,7 +184,7 @@ fn corners(input: &Input, scores: &edges::Scores, config: &corner::Config) -> Ve
     let grid = Grid::new(&cloud.points_mm, 0.5 * radius);
     let normals: Vec<_> = (0..grid.len()).map(|s| cloud.normals[grid.index(s)]).collect();
     let candidates: Vec<usize> = (0..cloud.len())
-        .filter(|&k| scores.intensity[k] > scores.gate && scores.concavity[k] > 0.6 * scores.gate)
+        .filter(|&k| scores.intensity[k] > scores.gate && scores.concavity[k] > 0.5 * scores.gate)
         .collect();
     candidates
         .par_iter()
@@ -194,13 +199,35 @@ fn corners(input: &Input, scores: &edges::Scores, config: &corner::Config) -> Ve
         .collect()
 }
 
+/// Least confidence, and largest expected error of the torch, with which a seam is offered.
+const LEAST_CONFIDENCE: f64 = 0.6;
+const MOST_ERROR_DEG: f64 = 6.0;
+
+fn is_sure(seam: &Seam) -> bool {
+    seam.confidence >= LEAST_CONFIDENCE && seam.expected_error_deg <= MOST_ERROR_DEG
+}
+
+fn left_out(seam: &Seam) -> String {
+    let place = seam.stations.get(seam.stations.len() / 2).map_or(Point3::origin(), |s| s.position_mm);
+    format!(
+        "an inside corner of {:.0} mm near {:.0},{:.0},{:.0} is too uncertain to weld (confidence {:.0} %, torch to {:.0} deg): \
+         scan it again from nearer, or from more sides",
+        seam.length_mm(),
+        place.x,
+        place.y,
+        place.z,
+        100.0 * seam.confidence,
+        seam.expected_error_deg
+    )
+}
+
 /// A refined chain as a seam.
 fn describe(input: &Input, chain: &chain::Chain, seam: &refine::Refined, grid: &Grid, most_mm: f32) -> Seam {
     let section = joint::section(seam, input.model, grid, input.voxels.edge_mm, most_mm);
     let (joint, reason) = joint::classify(&section, seam.closed);
     let expected = expected::expect(seam, input.merged, input.registration);
     let measured = seam.measured.iter().filter(|m| **m).count() as f64 / seam.measured.len() as f64;
-    let density = chain.support as f64 / (3.0 * chain.links.len() as f64);
+    let density = chain.support as f64 / (1.5 * chain.links.len() as f64);
     let stations = seam
         .frames
         .iter()

@@ -82,11 +82,23 @@ pub fn trace(corners: &[Corner], voxel_mm: f32, config: &Config) -> Vec<Chain> {
             continue;
         }
         let chain = tracer.grow(seed);
-        if chain.length_mm() >= config.shortest_voxels * voxel_mm {
+        if chain.length_mm() >= config.shortest_voxels * voxel_mm && !is_ghost(&chain, &chains, voxel_mm) {
             chains.push(chain);
         }
     }
     chains
+}
+
+/// Whether a weak chain runs along a strong one: the same corner seen a second time, with a lip for a face.
+fn is_ghost(chain: &Chain, others: &[Chain], voxel_mm: f32) -> bool {
+    let density = |c: &Chain| c.support as f32 / c.links.len() as f32;
+    let beside = |a: &Link, b: &Link| {
+        (a.position - b.position).norm() < 5.0 * voxel_mm && a.direction.dot(&b.direction).abs() > 0.8
+    };
+    others.iter().filter(|o| density(chain) < 0.6 * density(o)).any(|other| {
+        let shadowed = chain.links.iter().filter(|a| other.links.iter().any(|b| beside(a, b))).count();
+        2 * shadowed > chain.links.len()
+    })
 }
 
 struct Tracer<'a> {

@@ -13,6 +13,10 @@ use weldpath_core::seam::intensity::asymmetry;
 /// Capacity of a neighbourhood: a ball of four voxels about a corner of three faces holds no more.
 const CAPACITY: usize = 192;
 
+/// Bounds of the gate: flat surfaces stay below the first, the points of any corner of less than 130 degrees exceed the second.
+const FLAT: f32 = 0.10;
+const CORNER: f32 = 0.13;
+
 /// Scores of the points of a cloud, in its order.
 #[derive(Debug, Clone, Default)]
 pub struct Scores {
@@ -48,6 +52,6 @@ pub fn score(voxels: &Voxels, model: &PointCloud, grid: &Grid, radius_mm: f32) -
         scores.concavity[grid.index(slot)] = c;
     }
     let median = crate::normals::median(&mut scores.intensity.clone());
-    scores.gate = (1.8 * median).max(0.10);
+    scores.gate = (1.8 * median).clamp(FLAT, CORNER);
     scores
 }

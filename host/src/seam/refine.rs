@@ -7,7 +7,7 @@
 use super::chain::Chain;
 use super::face::{self, Fit, Reach, Sample};
 use super::section::{Beside, Frame, beside, near_path};
-use super::smooth::Samples;
+use super::smooth::{Curve, Samples};
 use crate::cloud::Merged;
 use crate::normals::median;
 use nalgebra::{Matrix2, Point3, Vector2, Vector3};
@@ -125,7 +125,7 @@ impl Path {
         let weights = vec![1.0; rows.len()];
         let samples =
             Samples { values: &rows, weights: &weights, step_mm: f64::from(step_mm), closed: chain.closed };
-        let frames = frames(&samples.smooth(3e2), chain.closed)?;
+        let frames = frames(&samples.smooth(Curve::Spline(3e2)), chain.closed)?;
         Some(Self { frames, step_mm, closed: chain.closed })
     }
 
@@ -471,12 +471,10 @@ fn smoothed(
     let block_mm = f64::from(2.0 * section.half_mm);
     let line = Samples { values: &places, weights: &weights, step_mm, closed: path.closed };
     let tilt = Samples { values: &normals, weights: &weights, step_mm, closed: path.closed };
-    let stiffness = line.stiffness(block_mm);
-    let smooth_places = line.smooth(stiffness);
-    // A smoothing spline bends over lengths of about the fourth root of its stiffness per weight.
-    let bend_mm = (stiffness * step_mm).powf(0.25);
-    let freedom = 2.0 + step_mm * places.len() as f64 / (std::f64::consts::PI * bend_mm);
-    let smooth_normals = tilt.smooth(tilt.stiffness(block_mm).max(1e3));
+    let curve = line.stiffest(block_mm);
+    let smooth_places = line.smooth(curve);
+    let freedom = curve.freedom(step_mm * places.len() as f64, step_mm);
+    let smooth_normals = tilt.smooth(tilt.stiffest(block_mm));
     let rows: Vec<[f64; 9]> = smooth_places
         .iter()
         .zip(&smooth_normals)

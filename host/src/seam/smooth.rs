@@ -4,12 +4,39 @@
 //! discrete form (Whittaker 1923). Neighbouring stations share points, so whole blocks are left out in the validation;
 //! leaving out single stations would choose curves that follow the noise.
 
+use nalgebra::{DMatrix, DVector};
+
 /// Stiffness candidates, mm³ per unit weight, softest first; the last is a straight line in practice.
 const STIFFNESS: [f64; 9] = [1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e9, 1e11];
 /// Blocks that are left out in turn.
 const FOLDS: usize = 4;
 /// A stiffer curve is taken when its validation error is within this factor of the best.
 const CLOSE: f64 = 1.06;
+
+/// Harmonics that are tried on loops, most first: a tube on a flat or round face is a low one, and needs no penalty that shrinks it.
+const HARMONICS: [usize; 3] = [4, 2, 1];
+
+/// What a curve is made of, from soft to stiff.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Curve {
+    /// Penalised by a stiffness, mm³ per unit weight.
+    Spline(f64),
+    /// A closed curve of so many harmonics of its length.
+    Harmonic(usize),
+}
+
+impl Curve {
+    /// Effective number of free parameters per coordinate over a length.
+    pub fn freedom(self, length_mm: f64, step_mm: f64) -> f64 {
+        match self {
+            // A smoothing spline bends over lengths of about the fourth root of its stiffness per weight.
+            Self::Spline(stiffness) => {
+                2.0 + length_mm / (std::f64::consts::PI * (stiffness * step_mm).powf(0.25))
+            }
+            Self::Harmonic(most) => 1.0 + 2.0 * most as f64,
+        }
+    }
+}
 
 /// Samples of a vector-valued curve at equal steps; weight 0 where there is none.
 pub struct Samples<'a, const D: usize> {
@@ -24,16 +51,19 @@ pub struct Samples<'a, const D: usize> {
 }
 
 impl<const D: usize> Samples<'_, D> {
-    /// The smooth curve at every step for a stiffness.
-    pub fn smooth(&self, stiffness: f64) -> Vec<[f64; D]> {
-        self.solve(self.weights, stiffness)
+    /// The smooth curve at every step.
+    pub fn smooth(&self, curve: Curve) -> Vec<[f64; D]> {
+        self.solve(self.weights, curve)
     }
 
     /// The stiffest curve that predicts left-out blocks of `block_mm` about as well as the best.
-    pub fn stiffness(&self, block_mm: f64) -> f64 {
+    pub fn stiffest(&self, block_mm: f64) -> Curve {
         let n = self.values.len();
         let fitting = ((block_mm / self.step_mm).ceil() as usize).min(n / 6).max(1);
-        let misses: Vec<Vec<Miss>> = STIFFNESS.iter().map(|&s| self.misses(s, fitting)).collect();
+        let splines = STIFFNESS.iter().map(|&s| Curve::Spline(s));
+        let loops = HARMONICS.iter().filter(|_| self.closed).map(|&k| Curve::Harmonic(k));
+        let curves: Vec<Curve> = splines.chain(loops).collect();
+        let misses: Vec<Vec<Miss>> = curves.iter().map(|&c| self.misses(c, fitting)).collect();
         // Large misses are outliers, not evidence; one bound for all, or soft curves would hide theirs.
         let middle =
             |m: &Vec<Miss>| crate::normals::median(&mut m.iter().map(|x| x.squared).collect::<Vec<_>>());
@@ -43,11 +73,11 @@ impl<const D: usize> Samples<'_, D> {
         let total = |e: &Vec<f64>| e.iter().sum::<f64>();
         let best = errors.iter().min_by(|a, b| total(a).total_cmp(&total(b)));
         let pick = best.and_then(|best| errors.iter().rposition(|e| no_worse(e, best))).unwrap_or(0);
-        STIFFNESS[pick]
+        curves[pick]
     }
 
     /// Squared miss and weight of samples, predicted by a curve that saw neither their block nor half a block beside it.
-    fn misses(&self, stiffness: f64, per_block: usize) -> Vec<Miss> {
+    fn misses(&self, curve: Curve, per_block: usize) -> Vec<Miss> {
         let n = self.values.len();
         let blocks = n.div_ceil(per_block);
         let guard = per_block.div_ceil(2);
@@ -67,7 +97,7 @@ impl<const D: usize> Samples<'_, D> {
             };
             let kept: Vec<f64> =
                 self.weights.iter().enumerate().map(|(k, &w)| if hidden(k) { 0.0 } else { w }).collect();
-            let curve = self.solve(&kept, stiffness);
+            let curve = self.solve(&kept, curve);
             for k in (0..n).filter(|&k| judged(k) && self.weights[k] > 0.0) {
                 let miss: f64 = (0..D).map(|d| (curve[k][d] - self.values[k][d]).powi(2)).sum();
                 misses.push(Miss { squared: miss, weight: self.weights[k], block: k / per_block });
@@ -76,8 +106,12 @@ impl<const D: usize> Samples<'_, D> {
         misses
     }
 
-    fn solve(&self, weights: &[f64], stiffness: f64) -> Vec<[f64; D]> {
+    fn solve(&self, weights: &[f64], curve: Curve) -> Vec<[f64; D]> {
         let n = self.values.len();
+        let stiffness = match curve {
+            Curve::Harmonic(most) => return harmonic(self.values, weights, most),
+            Curve::Spline(stiffness) => stiffness,
+        };
         if !self.closed {
             return whittaker(self.values, weights, stiffness / self.step_mm.powi(3));
         }
@@ -114,6 +148,28 @@ fn no_worse(errors: &[f64], best: &[f64]) -> bool {
     let variance = differences().map(|d| (d - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
     let total: f64 = best.iter().sum::<f64>() / n;
     mean <= (variance / n).sqrt().max((CLOSE - 1.0) * total)
+}
+
+/// Weighted least squares by the first harmonics of a loop's length; the values themselves where that has no solution.
+fn harmonic<const D: usize>(values: &[[f64; D]], weights: &[f64], most: usize) -> Vec<[f64; D]> {
+    let terms = 1 + 2 * most;
+    let row = |k: usize| {
+        let angle = std::f64::consts::TAU * k as f64 / values.len() as f64;
+        DVector::from_fn(terms, |t, _| match t {
+            0 => 1.0,
+            t if t % 2 == 1 => (angle * t.div_ceil(2) as f64).cos(),
+            t => (angle * (t / 2) as f64).sin(),
+        })
+    };
+    let rows: Vec<DVector<f64>> = (0..values.len()).map(row).collect();
+    let (mut a, mut b) = (DMatrix::zeros(terms, terms), DMatrix::zeros(terms, D));
+    for ((r, y), &w) in rows.iter().zip(values).zip(weights) {
+        a.ger(w, r, r, 1.0);
+        b.ger(w, r, &DVector::from_column_slice(y), 1.0);
+    }
+    let Some(factor) = a.cholesky() else { return values.to_vec() };
+    let x = factor.solve(&b);
+    rows.iter().map(|r| std::array::from_fn(|d| r.dot(&x.column(d)))).collect()
 }
 
 /// Solves `(W + penalty DᵀD) f = W y`, D the second differences: five diagonals, so linear in the number of samples.
@@ -179,18 +235,22 @@ mod tests {
         let values: Vec<[f64; 1]> = (0..60).map(|k| [0.3 * k as f64 - 4.0]).collect();
         let samples = Samples { values: &values, weights: &[1.0; 60], step_mm: 2.0, closed: false };
         for s in STIFFNESS {
-            let miss =
-                samples.smooth(s).iter().zip(&values).map(|(a, b)| (a[0] - b[0]).abs()).fold(0.0, f64::max);
+            let miss = samples
+                .smooth(Curve::Spline(s))
+                .iter()
+                .zip(&values)
+                .map(|(a, b)| (a[0] - b[0]).abs())
+                .fold(0.0, f64::max);
             assert!(miss < 1e-4, "{s}: {miss}");
         }
     }
 
     #[test]
-    fn noise_about_a_line_is_smoothed_stiffly_and_a_circle_softly() {
+    fn noise_about_a_line_is_smoothed_stiffly_and_a_circle_stays_as_large() {
         let n = 120;
         let weights = vec![1.0; n];
         let line: Vec<[f64; 1]> = (0..n).map(|k| [0.2 * noise(k)]).collect();
-        let stiff = Samples { values: &line, weights: &weights, step_mm: 2.0, closed: false }.stiffness(10.0);
+        let stiff = Samples { values: &line, weights: &weights, step_mm: 2.0, closed: false }.stiffest(10.0);
         let radius = n as f64 * 2.0 / std::f64::consts::TAU;
         let circle: Vec<[f64; 2]> = (0..n)
             .map(|k| {
@@ -199,7 +259,7 @@ mod tests {
             })
             .collect();
         let samples = Samples { values: &circle, weights: &weights, step_mm: 2.0, closed: true };
-        let soft = samples.stiffness(10.0);
+        let round = samples.stiffest(10.0);
         assert!(stiff >= 1e7 && soft <= 1e5, "{stiff} {soft}");
         let shrink: f64 =
             samples.smooth(soft).iter().map(|p| radius - p[0].hypot(p[1])).sum::<f64>() / n as f64;
@@ -211,7 +271,8 @@ mod tests {
         let values: Vec<[f64; 1]> =
             (0..40).map(|k| [if (10..20).contains(&k) { 99.0 } else { k as f64 }]).collect();
         let weights: Vec<f64> = (0..40).map(|k| if (10..20).contains(&k) { 0.0 } else { 1.0 }).collect();
-        let curve = Samples { values: &values, weights: &weights, step_mm: 1.0, closed: false }.smooth(1e2);
+        let curve = Samples { values: &values, weights: &weights, step_mm: 1.0, closed: false }
+            .smooth(Curve::Spline(1e2));
         assert!((curve[15][0] - 15.0).abs() < 1e-3);
     }
 }

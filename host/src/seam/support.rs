@@ -12,6 +12,9 @@ const LEAST_SHARE: f32 = 0.15;
 /// Largest share of all points that may lie behind it.
 const MOST_BEHIND: f32 = 0.01;
 
+/// Largest half thickness of a table, voxels.
+const FLAT_VOXELS: f32 = 2.5;
+
 /// A plane and how far its points scatter.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Support {
@@ -89,5 +92,7 @@ fn along(voxels: &Voxels, direction: &Vector3<f32>) -> Option<Support> {
     let support = found?;
     let behind =
         voxels.cloud.points_mm.iter().filter(|p| support.height_mm(p) < -3.0 * support.half_mm).count();
-    (support.share > LEAST_SHARE && behind as f32 <= MOST_BEHIND * total).then_some(support)
+    // A curved or rough surface is no table.
+    let flat = support.half_mm <= FLAT_VOXELS * voxels.edge_mm;
+    (flat && support.share > LEAST_SHARE && behind as f32 <= MOST_BEHIND * total).then_some(support)
 }
