@@ -58,11 +58,9 @@ impl<const K: usize> Neighbourhood<K> {
         let mut found = Self { indices: Vec::new(), distances_mm2: Vec::new(), radius_mm: ball.radius_mm };
         for (index, point) in points.iter().enumerate() {
             let distance_mm2 = (point - middle).norm_squared();
-            if index != centre && (distance_mm2 < limit_mm2 || found.indices.len() < ball.least.min(K)) {
-                found.insert(index as u16, distance_mm2);
-            } else if index != centre
-                && found.distances_mm2.last().is_some_and(|&d| d > limit_mm2 && distance_mm2 < d)
-            {
+            let nearer = || found.distances_mm2.last().is_some_and(|&d| d > limit_mm2 && distance_mm2 < d);
+            let needed = distance_mm2 < limit_mm2 || found.indices.len() < ball.least.min(K) || nearer();
+            if index != centre && needed {
                 found.insert(index as u16, distance_mm2);
             }
         }

@@ -86,7 +86,7 @@ impl Tensor {
     }
 }
 
-/// `1 / (2 σ²)` of eq. (17), σ the standard deviation of the neighbours' distances; 0, hence weight 1, where they do not vary.
+/// `1 / (2 σ²)` of the Gaussian, σ the standard deviation of the neighbours' distances; 0, hence weight 1, where they do not vary.
 fn falloff_per_mm2(distances_mm2: impl Iterator<Item = f32>) -> f32 {
     let (mut count, mut sum, mut squares) = (0.0, 0.0, 0.0);
     for d2 in distances_mm2 {

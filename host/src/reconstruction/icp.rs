@@ -59,7 +59,9 @@ struct Terms {
     pairs: Vec<Pair>,
 }
 
-/// The row of eq. (7) for a point at `arm` from the centre: rotation part, then translation.
+/// One row of `A`, eq. (7), by the small angles of eq. (4) in the motion of eq. (5): rotation part, then translation.
+///
+/// `arm` is where the point is from the centre.
 pub(super) fn point_row(arm: &Vector3<f64>, normal: &Vector3<f64>) -> Vector6<f64> {
     let turn = arm.cross(normal);
     Vector6::new(turn.x, turn.y, turn.z, normal.x, normal.y, normal.z)
@@ -80,6 +82,7 @@ impl Problem {
         Self { sources, poses: reported.clone(), reported, centre_mm }
     }
 
+    /// The poses that minimise the distances along the normals, eq. (2), gate by gate.
     pub(super) fn solve(mut self, config: &Config) -> Registration {
         let views = self.sources.len();
         let mut fitness = vec![vec![]; views];
@@ -118,7 +121,7 @@ impl Problem {
         }
     }
 
-    /// One solve of eqs. (6)-(8) for all views: the largest motion of a view, mm, the covariance, the residual scale.
+    /// One linear step of all views, eq. (6): the largest motion of a view, mm, the covariance, the residual scale.
     fn iterate(&mut self, gate_mm: f32, config: &Config) -> (f64, DMatrix<f64>, f64) {
         let views = self.sources.len();
         let combos: Vec<(usize, usize)> =
@@ -146,7 +149,7 @@ impl Problem {
         (largest, covariance, scale)
     }
 
-    /// A small motion about the centre as a full rotation.
+    /// A small motion about the centre as a full rotation and a translation, eq. (3).
     fn moved(&self, x: &Vector6<f64>) -> Isometry3<f64> {
         let turn = UnitQuaternion::from_scaled_axis(x.fixed_rows::<3>(0).into_owned());
         let c = self.centre_mm.coords;
@@ -267,7 +270,7 @@ impl Block {
     }
 }
 
-/// The joint system of all views but the first, eq. (8), in units in which every unknown is a length.
+/// The joint system of all views but the first in units in which every unknown is a length.
 struct System {
     information: DMatrix<f64>,
     pull: DVector<f64>,
@@ -301,7 +304,7 @@ impl System {
         }
     }
 
-    /// The increments of all views and their covariance.
+    /// The increments of all views, eq. (8), and their covariance.
     ///
     /// Along each eigenvector of the information only what exceeds the normals' noise is believed; where nothing is
     /// left, the prior alone decides.

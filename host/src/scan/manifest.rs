@@ -296,7 +296,7 @@ impl Job<'_> {
         Ok((view, file, notes))
     }
 
-    /// Eq. (1): the reported pose of the flange, then the hand-eye transform.
+    /// Pose of the camera, eq. (1): the reported pose of the flange times the hand-eye transform.
     fn base_from_camera(&self, i: usize) -> Result<Isometry3<f64>, Error> {
         let entry = &self.manifest.views[i];
         if entry.camera_m.is_some() {

@@ -219,13 +219,13 @@ fn whittaker<const D: usize>(values: &[[f64; D]], weights: &[f64], penalty: f64)
         }
     }
     for k in (0..n).rev() {
-        for d in 0..D {
-            let mut v = f[k][d];
-            for i in 1..3.min(n - k) {
-                v -= bands[k][i] * f[k + i][d];
+        let mut row = f[k];
+        for i in 1..3.min(n - k) {
+            for (v, later) in row.iter_mut().zip(f[k + i]) {
+                *v -= bands[k][i] * later;
             }
-            f[k][d] = v / bands[k][0];
         }
+        f[k] = row.map(|v| v / bands[k][0]);
     }
     f
 }

@@ -1,0 +1,337 @@
+//! The rules of the tree, read from the sources: which module may know which, what core may use, and that every equation
+//! of the paper is found where it is computed.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+
+/// Core, lowest first: a module and what it may know besides the crate's own types.
+///
+/// Algorithms know nothing of the wire; `tasks` alone joins the two.
+const CORE: &[(&str, &[&str])] = &[
+    ("math", &[]),
+    ("geometry", &["math"]),
+    ("rotation", &["math"]),
+    ("gesture", &["math", "rotation"]),
+    ("seam", &["math"]),
+    ("path", &["math", "rotation"]),
+    ("interlock", &[]),
+    ("wire", &["math", "path", "interlock"]),
+    ("pendant", &["math", "path", "interlock", "wire"]),
+    ("sender", &["interlock", "wire"]),
+    ("tasks", &["math", "gesture", "seam", "path", "wire", "pendant"]),
+];
+
+/// Host, lowest first. A stage may read what an earlier one hands over, as a parameter; it never calls a later one.
+const HOST: &[(&str, &[&str])] = &[
+    ("cloud", &[]),
+    ("grid", &[]),
+    ("scan", &["cloud"]),
+    ("normals", &["cloud", "grid"]),
+    ("reconstruction", &["cloud", "grid", "normals"]),
+    ("denoising", &["cloud", "grid"]),
+    ("downsampling", &["cloud", "grid", "normals", "denoising"]),
+    ("orientation", &["grid", "downsampling"]),
+    ("seam", &["cloud", "grid", "normals", "reconstruction", "downsampling"]),
+    ("toolpath", &["cloud", "seam"]),
+    (
+        "pipeline",
+        &[
+            "cloud",
+            "normals",
+            "reconstruction",
+            "downsampling",
+            "orientation",
+            "denoising",
+            "seam",
+            "toolpath",
+        ],
+    ),
+    ("export", &["cloud", "seam", "toolpath", "pipeline"]),
+    ("job", &["toolpath", "pipeline", "export"]),
+    ("selection", &["toolpath", "job"]),
+    ("postprocessing", &["toolpath", "pipeline", "export", "job", "selection"]),
+    ("evaluation", &[]),
+    ("simulation", &["evaluation"]),
+    ("serial", &[]),
+    ("teleop", &["serial"]),
+];
+
+/// Names that say nothing about what is in a module.
+const EMPTY_NAMES: &[&str] = &["utils", "common", "types", "helpers", "manager"];
+
+fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("the package lies in the workspace")
+}
+
+fn read(path: &Path) -> String {
+    std::fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
+}
+
+/// All Rust files below a folder of the workspace.
+fn sources(folder: &str) -> Vec<PathBuf> {
+    fn walk(folder: &Path, found: &mut Vec<PathBuf>) {
+        for entry in std::fs::read_dir(folder).unwrap_or_else(|e| panic!("{}: {e}", folder.display())) {
+            let path = entry.expect("an entry").path();
+            if path.is_dir() {
+                walk(&path, found);
+            } else if path.extension().is_some_and(|e| e == "rs") {
+                found.push(path);
+            }
+        }
+    }
+    let mut found = Vec::new();
+    walk(&root().join(folder), &mut found);
+    found.sort();
+    assert!(!found.is_empty(), "{folder} holds no Rust file");
+    found
+}
+
+/// The code of a file without comments and without its unit tests, which stand last.
+fn code(path: &Path) -> String {
+    if path.ends_with("tests.rs") {
+        return String::new();
+    }
+    let text = read(path);
+    let lines =
+        text.lines().take_while(|line| !line.trim_start_matches("pub(crate) ").starts_with("mod tests {"));
+    lines.map(|line| line.split("//").next().unwrap_or_default()).flat_map(|line| [line, "\n"]).collect()
+}
+
+/// Which of the crate's top-level modules a file belongs to.
+fn module(path: &Path, src: &Path) -> String {
+    let inside = path.strip_prefix(src).expect("below src");
+    let first = inside.components().next().expect("a name").as_os_str();
+    Path::new(first).file_stem().expect("a name").to_string_lossy().into_owned()
+}
+
+/// Modules named in `crate::a` and `crate::{a::b, c}`.
+fn modules_named(code: &str) -> BTreeSet<String> {
+    let identifier = |text: &str| -> String {
+        text.trim_start().chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect()
+    };
+    let mut named = BTreeSet::new();
+    for rest in code.split("crate::").skip(1) {
+        match rest.strip_prefix('{') {
+            Some(list) => named.extend(members(list).map(identifier)),
+            None => drop(named.insert(identifier(rest))),
+        }
+    }
+    named
+}
+
+/// What stands between the commas of a brace that has been opened, up to where it closes.
+fn members(list: &str) -> impl Iterator<Item = &str> {
+    let mut depth = 0_i32;
+    let end = list.find(|c| {
+        depth += i32::from(c == '{') - i32::from(c == '}');
+        depth < 0
+    });
+    let inside = &list[..end.unwrap_or(list.len())];
+    let mut depth = 0_i32;
+    inside.split(move |c| {
+        depth += i32::from(c == '{') - i32::from(c == '}');
+        c == ',' && depth == 0
+    })
+}
+
+/// Every module that a crate's modules name, against the table.
+fn hold(folder: &str, table: &[(&str, &[&str])]) {
+    let allowed: BTreeMap<&str, &[&str]> = table.iter().copied().collect();
+    let src = root().join(folder);
+    let mut arrows = 0;
+    for path in sources(folder) {
+        let from = module(&path, &src);
+        if ["lib", "main", "cli"].contains(&from.as_str()) {
+            continue;
+        }
+        let known =
+            allowed.get(from.as_str()).unwrap_or_else(|| panic!("{folder}: {from} is not in the table"));
+        for to in modules_named(&code(&path)) {
+            // Types named at the crate's root begin with a capital.
+            if to == from || !allowed.contains_key(to.as_str()) && to.starts_with(char::is_uppercase) {
+                continue;
+            }
+            assert!(known.contains(&to.as_str()), "{}: {from} must not know {to}", path.display());
+            arrows += 1;
+        }
+    }
+    assert!(arrows > 10, "{folder}: only {arrows} arrows were read");
+}
+
+#[test]
+fn no_arrow_of_the_tables_goes_up() {
+    for table in [CORE, HOST] {
+        for (k, (module, known)) in table.iter().enumerate() {
+            let lower: Vec<&str> = table[..k].iter().map(|(name, _)| *name).collect();
+            for name in *known {
+                assert!(lower.contains(name), "{module} -> {name}");
+            }
+        }
+    }
+}
+
+#[test]
+fn modules_of_core_know_only_those_below_them() {
+    hold("core/src", CORE);
+}
+
+#[test]
+fn modules_of_the_host_know_only_those_below_them() {
+    hold("host/src", HOST);
+}
+
+#[test]
+fn a_brace_of_modules_is_read_as_its_members() {
+    let named = modules_named("use crate::{Point, wire::{self, Answer}, math};\nlet x = crate::seam::Ball;");
+    let expected = ["Point", "math", "seam", "wire"].map(String::from);
+    assert_eq!(named.into_iter().collect::<Vec<_>>(), expected);
+}
+
+/// Whether any code of a folder but `home` names `word`.
+fn named_outside(folder: &str, home: &str, word: &str) -> Option<PathBuf> {
+    let home = root().join(folder).join(home);
+    sources(folder).into_iter().filter(|path| *path != home).find(|path| code(path).contains(word))
+}
+
+#[test]
+fn only_math_names_the_mathematical_libraries() {
+    let text = code(&root().join("core/src/math.rs"));
+    assert!(text.contains("libm::") && text.contains("micromath::"));
+    for library in ["libm::", "micromath::", "use libm", "use micromath"] {
+        assert_eq!(named_outside("core/src", "math.rs", library), None, "{library}");
+    }
+}
+
+#[test]
+fn only_serial_names_the_serial_port() {
+    assert_eq!(named_outside("host/src", "serial.rs", "serialport"), None);
+    assert_eq!(named_outside("core/src", "serial.rs", "serialport"), None);
+}
+
+#[test]
+fn algorithms_of_the_host_read_and_write_no_file() {
+    let shells =
+        ["scan", "export", "job", "evaluation", "simulation", "cli", "main", "lib", "serial", "teleop"];
+    let src = root().join("host/src");
+    for path in sources("host/src").iter().filter(|path| !shells.contains(&module(path, &src).as_str())) {
+        assert!(!code(path).contains("std::fs"), "{}", path.display());
+    }
+}
+
+#[test]
+fn the_tests_and_the_host_never_link_the_firmware() {
+    for manifest in ["host/Cargo.toml", "tests/Cargo.toml"] {
+        assert!(!read(&root().join(manifest)).contains("weldpath-firmware"), "{manifest}");
+    }
+}
+
+#[test]
+fn no_module_has_an_empty_name() {
+    for folder in ["core/src", "host/src", "firmware/src", "tests/src"] {
+        for path in sources(folder) {
+            let parts = path.strip_prefix(root()).expect("below the root").with_extension("");
+            let empty =
+                parts.iter().find(|part| EMPTY_NAMES.iter().any(|name| part.eq_ignore_ascii_case(name)));
+            assert_eq!(empty, None, "{}", path.display());
+        }
+    }
+}
+
+#[test]
+fn core_has_no_std_no_allocation_and_no_unsafe_code() {
+    let lib = read(&root().join("core/src/lib.rs"));
+    for attribute in ["#![no_std]", "#![forbid(unsafe_code)]"] {
+        assert!(lib.lines().any(|line| line == attribute), "{attribute}");
+    }
+    for path in sources("core/src") {
+        let code = code(&path);
+        for word in ["extern crate", "alloc::", "std::", "unsafe "] {
+            assert!(!code.contains(word), "{} names {word}", path.display());
+        }
+    }
+}
+
+/// First doc line of every function of a file, with the function's line of code.
+fn documented_functions(text: &str) -> Vec<(String, String)> {
+    let mut first: Option<&str> = None;
+    let mut functions = Vec::new();
+    for line in text.lines().map(str::trim) {
+        if let Some(doc) = line.strip_prefix("///") {
+            first = first.or(Some(doc));
+        } else if !line.starts_with("#[") {
+            let words: Vec<&str> = line.split_whitespace().collect();
+            if let (Some(doc), Some(_)) = (first.take(), words.iter().take(5).position(|word| *word == "fn"))
+            {
+                functions.push((doc.to_owned(), line.to_owned()));
+            }
+        }
+    }
+    functions
+}
+
+/// Numbers of the equations named in a line, each as `eq. (12)`.
+fn equations(line: &str) -> impl Iterator<Item = u32> + '_ {
+    line.split("eq. (").skip(1).filter_map(|rest| rest.split(')').next()?.parse().ok())
+}
+
+#[test]
+fn every_equation_is_named_at_the_one_function_that_computes_it() {
+    let mut homes: BTreeMap<u32, Vec<String>> = (1..=19).map(|number| (number, Vec::new())).collect();
+    for path in sources("core/src").into_iter().chain(sources("host/src")) {
+        for (doc, function) in documented_functions(&read(&path)) {
+            for number in equations(&doc) {
+                let homes =
+                    homes.get_mut(&number).unwrap_or_else(|| panic!("eq. ({number}) in {}", path.display()));
+                homes.push(format!("{}: {function}", path.display()));
+            }
+        }
+    }
+    let wrong: Vec<_> = homes.iter().filter(|(_, homes)| homes.len() != 1).collect();
+    assert!(wrong.is_empty(), "not at one function each: {wrong:#?}");
+}
+
+/// A package of a lock file: its version and the names of what it depends on.
+type Locked = BTreeMap<String, Vec<(String, Vec<String>)>>;
+
+fn locked(path: &str) -> Locked {
+    let text = read(&root().join(path));
+    let quoted = |line: &str| line.split('"').nth(1).unwrap_or_default().to_owned();
+    let mut packages = Locked::new();
+    for block in text.split("[[package]]").skip(1) {
+        let of = |key: &str| {
+            block.lines().find(|line| line.starts_with(key)).map(quoted).expect("name and version")
+        };
+        let list = block.split("dependencies = [").nth(1).unwrap_or_default();
+        let names = list.lines().skip(1).take_while(|line| !line.starts_with(']')).map(quoted);
+        // Where several versions are locked, an entry reads `name version`.
+        let names = names.map(|name| name.split(' ').next().unwrap_or_default().to_owned()).collect();
+        packages.entry(of("name = ")).or_default().push((of("version = "), names));
+    }
+    packages
+}
+
+/// All versions of everything that a package is built from.
+fn built_from(locked: &Locked, package: &str) -> BTreeSet<(String, String)> {
+    let (mut seen, mut left) = (BTreeSet::new(), vec![package.to_owned()]);
+    while let Some(name) = left.pop() {
+        for (version, needs) in &locked[&name] {
+            if seen.insert((name.clone(), version.clone())) {
+                left.extend(needs.iter().cloned());
+            }
+        }
+    }
+    seen
+}
+
+#[test]
+fn core_is_built_from_the_same_versions_for_host_and_firmware() {
+    let (host, firmware) = (locked("Cargo.lock"), locked("firmware/Cargo.lock"));
+    let (on_host, on_board) = (built_from(&host, "weldpath-core"), built_from(&firmware, "weldpath-core"));
+    let same = on_host.intersection(&on_board).count();
+    assert!(same > 15, "only {same} crates are shared");
+    let known =
+        |others: &BTreeSet<(String, String)>, name: &str| others.iter().any(|(other, _)| other == name);
+    let differ = |pair: &&(String, String)| !on_host.contains(*pair) && known(&on_host, &pair.0);
+    let different: Vec<_> = on_board.iter().filter(differ).collect();
+    assert!(different.is_empty(), "locked otherwise in Cargo.lock: {different:?}");
+}
