@@ -125,8 +125,9 @@ pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Re
         }
         observer.stage("seam");
         let registration = Some(&registration);
+        let names = views.iter().map(|v| v.name.as_str()).collect();
         let input =
-            seam::Input { merged: &merged, voxels: &voxels, model: &model, registration, whole_views };
+            seam::Input { merged: &merged, voxels: &voxels, model: &model, registration, names, whole_views };
         let found = match config.method {
             Method::Weldpath => clock.time("seam", || seam::find(&input, &config.seam)),
             Method::Paper { ratio_threshold } => {

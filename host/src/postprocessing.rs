@@ -3,7 +3,7 @@
 use crate::export::directory::File;
 use crate::export::summary::{Source, Summary};
 use crate::export::{csv, json, ply, urscript};
-use crate::job::Job;
+use crate::job::{Job, Method};
 use crate::pipeline::Plan;
 use crate::selection::{self, select};
 use crate::toolpath::SeamPath;
@@ -46,7 +46,12 @@ pub fn postprocess(plan: &Plan, job: &Job, source: Source) -> Result<Output, sel
 /// The path modifiers, in their order.
 fn modified(paths: &[SeamPath], job: &Job) -> Vec<SeamPath> {
     let standoff_mm = job.path.standoff_mm.get();
-    paths.iter().map(|path| standoff(resample(path, job.sampling()), standoff_mm)).collect()
+    // The paper's edge points come in no order that could be sampled anew.
+    let sampled = |path: &SeamPath| match job.method {
+        Method::Paper => path.clone(),
+        Method::Weldpath => resample(path, job.sampling()),
+    };
+    paths.iter().map(|path| standoff(sampled(path), standoff_mm)).collect()
 }
 
 fn tool_warning(job: &Job) -> Option<String> {

@@ -121,6 +121,8 @@ pub struct Input<'a> {
     pub model: &'a PointCloud,
     /// Where the views are, if there are several.
     pub registration: Option<&'a Registration>,
+    /// Names of the views, for messages.
+    pub names: Vec<&'a str>,
     /// Whether the cloud is a scan of cameras whose whole view is kept, so that a table would be in it.
     pub whole_views: bool,
 }
@@ -199,6 +201,8 @@ fn corners(input: &Input, scores: &edges::Scores, config: &corner::Config) -> Ve
         .collect()
 }
 
+/// Error from the registration, in standard deviations of the points' noise, above which a seam carries a warning.
+const LOOSE_NOISES: f64 = 0.38;
 /// Least confidence, and largest expected error of the torch, with which a seam is offered.
 const LEAST_CONFIDENCE: f64 = 0.6;
 const MOST_ERROR_DEG: f64 = 6.0;
@@ -239,6 +243,20 @@ fn describe(input: &Input, chain: &chain::Chain, seam: &refine::Refined, grid: &
         .collect();
     let mut warnings = Vec::new();
     let bridged_mm = longest_gap(&seam.measured) as f64 * f64::from(seam.step_mm);
+    if expected.registration_mm > LOOSE_NOISES * seam.sigma_mm {
+        let views: Vec<&str> =
+            expected.loose_views.iter().filter_map(|&k| input.names.get(k).copied()).collect();
+        let d = expected.loosest;
+        warnings.push(format!(
+            "{} not tied down along ({:.2}, {:.2}, {:.2}) by surfaces that other views share: the seam may be off by {:.1} mm \
+             there; add a view that sees those faces together with the first view's",
+            if views.len() == 1 { format!("{} is", views[0]) } else { format!("{} are", views.join(", ")) },
+            d.x,
+            d.y,
+            d.z,
+            2.0 * expected.registration_mm
+        ));
+    }
     if bridged_mm > 4.0 {
         warnings.push(format!("{bridged_mm:.0} mm were bridged without points: scan that part again"));
     }

@@ -6,7 +6,7 @@
 use super::refine::Refined;
 use crate::cloud::Merged;
 use crate::reconstruction::Registration;
-use nalgebra::{DMatrix, Matrix2, RowDVector, Vector3};
+use nalgebra::{DMatrix, Matrix2, Matrix3, Matrix3x2, RowDVector, Vector3, Vector6};
 
 /// Errors of the method itself that no covariance knows, mm and rad.
 const FLOOR_MM: f64 = 0.015;
@@ -15,7 +15,7 @@ const FLOOR_RAD: f64 = 0.001;
 const CAUTION: f64 = 1.4;
 
 /// Expected root mean square errors of a seam.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Expected {
     /// Across the seam, mm.
     pub position_mm: f64,
@@ -23,6 +23,10 @@ pub struct Expected {
     pub registration_mm: f64,
     /// Torch orientation, rad.
     pub orientation_rad: f64,
+    /// Direction across the seam in which the registration is least sure, unit, base frame.
+    pub loosest: Vector3<f64>,
+    /// The views that cause most of that.
+    pub loose_views: Vec<usize>,
 }
 
 /// The expected error of a refined seam.
@@ -31,7 +35,10 @@ pub fn expect(seam: &Refined, merged: &Merged, registration: Option<&Registratio
     let shared = f64::from(seam.window_mm / seam.step_mm).max(1.0);
     let independent = (seam.frames.len() as f64 / shared).max(1.0);
     let kept = (seam.freedom / independent).min(1.0).sqrt();
-    let (moved_mm2, turned_rad2) = registration.map_or((0.0, 0.0), |r| registered(seam, merged, r));
+    let poses = registration.map(|r| registered(seam, merged, r)).unwrap_or_default();
+    let (moved_mm2, turned_rad2) = (poses.position_mm2.trace(), poses.orientation_rad2);
+    let eigen = poses.position_mm2.symmetric_eigen();
+    let most = poses.by_view_mm2.iter().copied().fold(0.0, f64::max);
     // A median distance in two dimensions is 0.83 of its root mean square.
     let noise_mm = seam.scatter_mm / 0.83 * kept;
     let tilt_rad = seam.tilt_rad * kept;
@@ -39,37 +46,59 @@ pub fn expect(seam: &Refined, merged: &Merged, registration: Option<&Registratio
         position_mm: CAUTION * (noise_mm.powi(2) + moved_mm2 + FLOOR_MM.powi(2)).sqrt(),
         registration_mm: moved_mm2.sqrt(),
         orientation_rad: CAUTION * (tilt_rad.powi(2) + turned_rad2 + FLOOR_RAD.powi(2)).sqrt(),
+        loosest: eigen.eigenvectors.column(eigen.eigenvalues.imax()).into_owned(),
+        loose_views: (0..poses.by_view_mm2.len()).filter(|&k| poses.by_view_mm2[k] > 0.5 * most).collect(),
     }
 }
 
-/// Mean variance of position across the seam, mm², and of orientation, rad², from the poses of the views.
-fn registered(seam: &Refined, merged: &Merged, registration: &Registration) -> (f64, f64) {
+/// Variances that the poses of the views leave at a seam, means over its stations.
+#[derive(Default)]
+struct Poses {
+    /// Of the position across the seam, base frame, mm².
+    position_mm2: Matrix3<f64>,
+    /// Of the orientation, rad².
+    orientation_rad2: f64,
+    /// What each view alone would contribute to the faces' heights, mm².
+    by_view_mm2: Vec<f64>,
+}
+
+/// Variances at a seam from the covariance of all poses.
+fn registered(seam: &Refined, merged: &Merged, registration: &Registration) -> Poses {
     let covariance = &registration.covariance;
+    let views = merged.cameras_mm.len();
+    let mut poses = Poses { by_view_mm2: vec![0.0; views], ..Poses::default() };
     if covariance.is_empty() {
-        return (0.0, 0.0);
+        return poses;
     }
-    let (mut position, mut orientation, mut count) = (0.0, 0.0, 0.0);
+    let mut count = 0.0;
     for (frame, shares) in seam.frames.iter().zip(&seam.view_share).step_by((seam.frames.len() / 20).max(1)) {
-        let place = merged.origin_mm + frame.position.coords.cast::<f64>();
-        let arm = place - registration.centre_mm;
+        let arm = merged.origin_mm + frame.position.coords.cast::<f64>() - registration.centre_mm;
         let normals = frame.faces.map(|n| n.cast::<f64>());
-        let row = |k: usize| {
-            pose_row(&shares[k], covariance.ncols(), |row| {
-                let turn = arm.cross(&normals[k]);
-                row.copy_from_slice(&[turn.x, turn.y, turn.z, normals[k].x, normals[k].y, normals[k].z]);
-            })
+        let part = |k: usize| {
+            let turn = arm.cross(&normals[k]);
+            [turn.x, turn.y, turn.z, normals[k].x, normals[k].y, normals[k].z]
         };
+        let row = |k: usize| pose_row(&shares[k], covariance.ncols(), |row| row.copy_from_slice(&part(k)));
         let rows = [row(0), row(1)];
         let heights = Matrix2::from_fn(|a, b| (&rows[a] * covariance * rows[b].transpose())[0]);
         let (o, n) = (frame.tangent.cross(&frame.bisector()).cast::<f64>(), frame.bisector().cast::<f64>());
         let faces =
             Matrix2::new(normals[0].dot(&o), normals[0].dot(&n), normals[1].dot(&o), normals[1].dot(&n));
         let Some(inverse) = faces.try_inverse() else { continue };
-        position += (inverse * heights * inverse.transpose()).trace();
-        orientation += rotation_variance(shares, covariance);
+        let across = Matrix3x2::from_columns(&[o, n]) * inverse;
+        poses.position_mm2 += across * heights * across.transpose();
+        poses.orientation_rad2 += rotation_variance(shares, covariance);
+        for (view, sum) in poses.by_view_mm2.iter_mut().enumerate().skip(1) {
+            for k in 0..2 {
+                let own = Vector6::from(part(k)) * f64::from(shares[k].get(view).copied().unwrap_or(0.0));
+                *sum += (own.transpose() * registration.covariance_of(view) * own)[0];
+            }
+        }
         count += 1.0;
     }
-    (position / f64::max(count, 1.0), orientation / f64::max(count, 1.0))
+    poses.position_mm2 /= f64::max(count, 1.0);
+    poses.orientation_rad2 /= f64::max(count, 1.0);
+    poses
 }
 
 /// The row that sums the contributions of all views but the first, each weighted by its share.
