@@ -79,17 +79,12 @@ pub fn estimate(view: &View, config: &Config) -> Patches {
     let narrow: Vec<Plane> = near.moments.par_iter().map(Moments::plane).collect();
     let mut sizes: Vec<f32> = narrow.iter().map(|p| p.variance_mm2).collect();
     let noise_mm2 = median(&mut sizes);
-<<<<<<< HEAD
     // Noise grows with distance: the work is nearer than most of what is in view.
     let quarter = sizes.len() / 4;
     let quiet_mm2 =
         if sizes.is_empty() { 0.0 } else { *sizes.select_nth_unstable_by(quarter, f32::total_cmp).1 };
     let mut patches =
         Patches { cell_mm: grid.cell_mm(), spacing_mm, noise_mm: quiet_mm2.sqrt(), ..Patches::default() };
-=======
-    let mut patches =
-        Patches { cell_mm: grid.cell_mm(), spacing_mm, noise_mm: noise_mm2.sqrt(), ..Patches::default() };
->>>>>>> hostlink
     for (k, own) in cells.moments.iter().enumerate() {
         let window = &near.moments[k];
         if own.count < config.min_points as f32 || window.count < config.min_fit_points as f32 {

@@ -99,7 +99,6 @@ pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Re
     let registration =
         clock.time("reconstruction", || reconstruction::register(views, &patches, &config.reconstruction));
     let merged = clock.time("merge", || Merged::new(views, &registration.base_from_camera));
-<<<<<<< HEAD
     let whole_views = views.len() > 1 && views.iter().all(|v| v.camera_known);
     let unknown_side = views.iter().any(|v| !v.camera_known && v.normals.is_empty());
     let first = downsampling::Scale::of(&merged, &patches, &config.downsampling);
@@ -141,38 +140,6 @@ pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Re
             return Err(no_seam(found.reason));
         }
     };
-=======
-    observer.stage("downsampling");
-    let scale = downsampling::Scale::of(&merged, &patches, &config.downsampling);
-    let voxels = clock.time("downsampling", || downsampling::voxel_grid(&merged, scale.edge_mm, scale.least));
-    observer.cloud("downsampling", &voxels.cloud);
-    observer.stage("denoising");
-    let model = clock.time("denoising", || denoising::bilateral(&voxels.cloud, &scale.bilateral()));
-    observer.cloud("denoising", &model);
-    if model.len() < MIN_POINTS {
-        return Err(no_seam(format!(
-            "{} voxels are too few for two faces; at least {MIN_POINTS} are needed",
-            model.len()
-        )));
-    }
-    observer.stage("seam");
-    let input = seam::Input {
-        merged: &merged,
-        voxels: &voxels,
-        model: &model,
-        registration: Some(&registration),
-        whole_views: views.len() > 1 && views.iter().all(|v| v.camera_known),
-    };
-    let found = match config.method {
-        Method::Weldpath => clock.time("seam", || seam::find(&input, &config.seam)),
-        Method::Paper { ratio_threshold } => {
-            clock.time("seam", || seam::paper::find(&input, ratio_threshold))
-        }
-    };
-    if found.seams.is_empty() {
-        return Err(no_seam(found.reason));
-    }
->>>>>>> hostlink
     observer.stage("toolpath");
     let paths = clock.time("toolpath", || found.seams.iter().map(SeamPath::along).collect());
     let reports = if views.len() > 1 { registration.report(views) } else { Vec::new() };
