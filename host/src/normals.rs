@@ -37,7 +37,7 @@ impl Default for Config {
             min_points: 2,
             min_fit_points: 9,
             max_growth: 1.4,
-            min_incidence_cos: 0.25,
+            min_incidence_cos: 0.2,
         }
     }
 }
