@@ -53,7 +53,9 @@ const HOST: &[(&str, &[&str])] = &[
     ("evaluation", &[]),
     ("simulation", &["evaluation"]),
     ("serial", &[]),
-    ("teleop", &["serial"]),
+    ("link", &["serial", "toolpath"]),
+    ("emulator", &["serial"]),
+    ("teleop", &["link", "simulation"]),
 ];
 
 /// Names that say nothing about what is in a module.
@@ -210,8 +212,7 @@ fn only_serial_names_the_serial_port() {
 
 #[test]
 fn algorithms_of_the_host_read_and_write_no_file() {
-    let shells =
-        ["scan", "export", "job", "evaluation", "simulation", "cli", "main", "lib", "serial", "teleop"];
+    let shells = ["scan", "export", "job", "evaluation", "simulation", "cli", "emulator", "teleop"];
     let src = root().join("host/src");
     for path in sources("host/src").iter().filter(|path| !shells.contains(&module(path, &src).as_str())) {
         assert!(!code(path).contains("std::fs"), "{}", path.display());
