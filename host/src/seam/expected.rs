@@ -89,8 +89,8 @@ fn registered(seam: &Refined, merged: &Merged, registration: &Registration) -> P
         poses.position_mm2 += across * heights * across.transpose();
         poses.orientation_rad2 += rotation_variance(shares, covariance);
         for (view, sum) in poses.by_view_mm2.iter_mut().enumerate().skip(1) {
-            for k in 0..2 {
-                let own = Vector6::from(part(k)) * f64::from(shares[k].get(view).copied().unwrap_or(0.0));
+            for (k, share) in shares.iter().enumerate() {
+                let own = Vector6::from(part(k)) * f64::from(share.get(view).copied().unwrap_or(0.0));
                 *sum += (own.transpose() * registration.covariance_of(view) * own)[0];
             }
         }
