@@ -231,7 +231,7 @@ fn describe(input: &Input, chain: &chain::Chain, seam: &refine::Refined, grid: &
     let (joint, reason) = joint::classify(&section, seam.closed);
     let expected = expected::expect(seam, input.merged, input.registration);
     let measured = seam.measured.iter().filter(|m| **m).count() as f64 / seam.measured.len() as f64;
-    let density = chain.support as f64 / (1.5 * chain.links.len() as f64);
+    let density = chain.support as f64 / (3.0 * chain.links.len() as f64);
     let stations = seam
         .frames
         .iter()
