@@ -21,16 +21,6 @@ const SEAMLESS: &[&str] = &[
     "koide3+small_gicp/",
 ];
 
-/// What does not hold today: file or pair, and why. Everything else is asserted.
-const MISSED: &[(&str, &str)] = &[
-    (
-        "lap_joint_test.pcd",
-        "a lower plate that fills the view is taken for the table, and the seam for its rim",
-    ),
-    ("lap_joint_with_table.pcd", "the lower plate is taken for the table"),
-    ("small_gicp", "the tilt is 1 degree off: normals along the rings of a lidar are believed too much"),
-];
-
 fn read(path: &Path, units: Units) -> Scan {
     scan::read(path, &scan::Options { units }).unwrap_or_else(|error| panic!("{error}"))
 }
@@ -39,14 +29,9 @@ fn plan(path: &Path) -> Result<Plan, Error> {
     pipeline::plan(&read(path, Units::Auto).views, &Job::default().pipeline(), &mut ())
 }
 
-/// Prints and passes over what [`MISSED`] lists.
+/// The complaint about what does not hold.
 fn hold(name: &str, holds: bool, said: &str) -> Option<String> {
-    match MISSED.iter().find(|missed| missed.0 == name) {
-        Some((_, reason)) => println!("missed: {name}: {said}: {reason}"),
-        None if !holds => return Some(format!("{name}: {said}")),
-        None => {}
-    }
-    None
+    (!holds).then(|| format!("{name}: {said}"))
 }
 
 /// Every cloud, mesh and depth image below a folder.
@@ -167,6 +152,7 @@ fn the_milled_groove_is_followed_within_a_millimetre_and_nothing_else_is() {
 }
 
 #[test]
+#[ignore = "missed: both lap joints give no seam; the lower plate is taken for the table"]
 fn the_lap_joints_seam_lies_on_the_upper_plates_edge() {
     let Some(assets) = shared_data("real/abhinand4as+weld_seam_ros2/assets") else { return };
     let mut wrong = Vec::new();
@@ -199,6 +185,7 @@ fn lidar(path: &Path) -> View {
 }
 
 #[test]
+#[ignore = "missed: 1.07 degrees off where 0.1 is the bar (33 mm of 50)"]
 fn a_lidar_pair_is_registered_to_its_true_transform() {
     let Some(data) = shared_data("real/koide3+small_gicp/data") else { return };
     let views = [lidar(&data.join("target.ply")), lidar(&data.join("source.ply"))];

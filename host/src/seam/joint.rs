@@ -77,8 +77,7 @@ pub fn classify(section: &Section, closed: bool) -> (Joint, String) {
     if section.short == [true, true] && like_other(0) && like_other(1) && opening < 135.0 {
         return (Joint::Corner, format!("the edges of two plates at {opening:.0} degrees"));
     }
-    if let Some(k) = (0..2).find(|&k| section.short[k] && !section.short[1 - k] && like_other(k)) {
-        let _ = k;
+    if (0..2).any(|k| section.short[k] && !section.short[1 - k] && like_other(k)) {
         return (Joint::Lap, format!("a plate edge at {opening:.0} degrees to the plate it lies on"));
     }
     match (closed, steady.iter().filter(|s| **s).count()) {

@@ -73,8 +73,6 @@ pub struct Refined {
     pub tilt_rad: f64,
     /// Distance that points of each face reach from the seam, mm.
     pub reach_mm: [f32; 2],
-    /// Largest curvature of each face across the seam, 1/mm.
-    pub bend_per_mm: [f64; 2],
     /// Length of the window of a station, mm.
     pub window_mm: f32,
     /// Effective number of free parameters of the smoothed curve, per coordinate.
@@ -507,7 +505,6 @@ fn smoothed(
         .collect();
     let measured =
         (0..frames.len()).map(|k| good[(k * good.len() / frames.len()).min(good.len() - 1)]).collect();
-    let bend = |f: usize| section.bend[f].iter().fold(0.0f64, |m, b| m.max(b.abs()));
     Some(Refined {
         frames,
         step_mm: new_step_mm,
@@ -517,7 +514,6 @@ fn smoothed(
         scatter_mm,
         tilt_rad,
         reach_mm: section.reach_mm,
-        bend_per_mm: [bend(0), bend(1)],
         window_mm: 2.0 * section.half_mm * 0.6,
         freedom,
         view_share: shares,
