@@ -6,11 +6,15 @@ pub mod edges;
 pub mod expected;
 pub mod face;
 pub mod joint;
+pub mod loops;
+pub mod overlap;
 pub mod paper;
 pub mod refine;
 pub mod section;
 pub mod smooth;
+pub mod splice;
 pub mod support;
+pub mod wedge;
 
 use crate::cloud::{Merged, PointCloud};
 use crate::downsampling::Voxels;
@@ -151,16 +155,15 @@ pub fn find(input: &Input, config: &Config) -> Found {
         .into_iter()
         .partition(|c| table.is_some_and(|t| c.faces.iter().any(|face| t.is_face(face, &c.position))));
     let mut found = Found { gate: scores.gate, ..Found::default() };
-    let mut chains = chain::trace(&off_table, v, &config.chain);
+    let mut chains = chain::trace(&off_table, &grid, v, &config.chain);
     if chains.is_empty() && !input.whole_views {
         // A cropped cloud has no table in it: its lowest plane is part of the work.
-        chains = chain::trace(&on_table, v, &config.chain);
+        chains = chain::trace(&on_table, &grid, v, &config.chain);
     }
-    let seams = chains.iter().filter_map(|chain| {
-        let refined = refine::refine(input.merged, chain, v, &config.refine)?;
-        Some((chain, refined))
-    });
-    let measured: Vec<(&chain::Chain, refine::Refined)> = seams.collect();
+    let chains = splice::joined(chains, &grid, v);
+    let measured: Vec<(&chain::Chain, refine::Refined)> =
+        chains.iter().filter_map(|chain| Some((chain, measure(input, chain, &grid, config)?))).collect();
+    let measured = overlap::apart(measured, v, config.chain.shortest_voxels * v);
     let most_mm = config.refine.reach * v;
     let described = measured.iter().map(|(chain, seam)| describe(input, chain, seam, &grid, most_mm));
     let (sure, unsure): (Vec<Seam>, Vec<Seam>) = described.partition(is_sure);
@@ -176,6 +179,16 @@ pub fn find(input: &Input, config: &Config) -> Found {
         _ => "there is no inside corner between two faces".into(),
     };
     found
+}
+
+/// A chain refined; closed where its ends ask for it and raw points bear it out.
+fn measure(input: &Input, chain: &chain::Chain, model: &Grid, config: &Config) -> Option<refine::Refined> {
+    let v = input.voxels.edge_mm;
+    let refine = |chain: &chain::Chain| refine::refine(input.merged, chain, v, &config.refine);
+    let whole = loops::closed(chain, model, v, config.chain.step_voxels * v)
+        .and_then(|chain| refine(&chain))
+        .filter(|seam| longest_gap(&seam.measured) as f32 * seam.step_mm <= 2.0 * config.refine.gap * v);
+    whole.or_else(|| refine(chain))
 }
 
 /// The candidates that pass the gate, moved onto the line in which their faces meet.

@@ -10,8 +10,9 @@ use super::section::{Beside, Frame, beside, near_path};
 use super::smooth::{Curve, Samples};
 use crate::cloud::Merged;
 use crate::normals::median;
-use nalgebra::{Matrix2, Point3, Vector2, Vector3};
+use nalgebra::{Matrix2, Point3, Rotation3, Vector2, Vector3};
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Sizes, in voxels unless named otherwise.
 #[derive(Debug, Clone, Copy)]
@@ -54,6 +55,12 @@ const ACUTE_DEG: f32 = 75.0;
 /// Share of the farthest reach below which a face counts as narrow.
 pub const NARROW: f32 = 0.93;
 
+/// Where the air between the faces is looked at for walls that end a seam: height off both faces and distance from the
+/// seam, voxels; and the share of the usual number of points of a face that makes a wall.
+const WALL_FROM: f32 = 2.5;
+const WALL_TO: f32 = 7.0;
+const WALL_SHARE: f64 = 0.25;
+
 /// A refined seam.
 #[derive(Debug, Clone)]
 pub struct Refined {
@@ -81,6 +88,17 @@ pub struct Refined {
     pub view_share: Vec<[Vec<f32>; 2]>,
 }
 
+impl Refined {
+    /// Cuts an open or closed seam to some of its stations.
+    pub fn keep(&mut self, stations: Range<usize>) {
+        let whole = stations.len() == self.frames.len();
+        self.frames = self.frames[stations.clone()].to_vec();
+        self.measured = self.measured[stations.clone()].to_vec();
+        self.view_share = self.view_share[stations].to_vec();
+        self.closed &= whole;
+    }
+}
+
 /// Refines a chain; `None` if too little of it is supported by raw points.
 pub fn refine(merged: &Merged, chain: &Chain, voxel_mm: f32, config: &Config) -> Option<Refined> {
     let mut path = Path::new(chain, config.step * voxel_mm)?;
@@ -88,13 +106,15 @@ pub fn refine(merged: &Merged, chain: &Chain, voxel_mm: f32, config: &Config) ->
     let mut near = Vec::new();
     let mut refined = None;
     for round in 0..config.rounds {
-        path.extend(if round == 0 { 2 } else { 4 });
+        let added = if round == 0 { 2 } else { 4 };
+        path.extend(added);
         if round < 2 {
             near = near_path(merged, &path.frames, reach_mm + 4.0 * voxel_mm);
         }
         let section = Section::new(merged, &near, &path, voxel_mm, config, round);
         let stations = section.stations(&path);
-        let outcome = smoothed(&path, &stations, &section, voxel_mm, config)?;
+        let inside = section.before_walls(&stations, &path, added);
+        let outcome = smoothed(&path, &stations, inside, &section, voxel_mm, config)?;
         path = Path { frames: outcome.frames.clone(), step_mm: outcome.step_mm, closed: path.closed };
         refined = Some(outcome);
     }
@@ -127,20 +147,37 @@ impl Path {
         Some(Self { frames, step_mm, closed: chain.closed })
     }
 
-    /// Continues an open path straight on, to find where the seam ends.
+    /// Continues an open path, bending on as it bends, to find where the seam ends.
     fn extend(&mut self, stations: usize) {
         if self.closed {
             return;
         }
-        let onward =
-            |f: &Frame, steps: f32| Frame { position: f.position + f.tangent * (steps * self.step_mm), ..*f };
-        let (Some(first), Some(last)) = (self.frames.first().copied(), self.frames.last().copied()) else {
-            return;
-        };
-        let before: Vec<Frame> = (1..=stations).rev().map(|k| onward(&first, -(k as f32))).collect();
-        let after = (1..=stations).map(|k| onward(&last, k as f32));
-        self.frames = before.into_iter().chain(self.frames.iter().copied()).chain(after).collect();
+        let after = onward(&self.frames, self.step_mm, stations);
+        let reversed: Vec<Frame> = self.frames.iter().rev().map(Frame::reversed).collect();
+        let before = onward(&reversed, self.step_mm, stations);
+        let before = before.iter().rev().map(Frame::reversed);
+        self.frames = before.chain(self.frames.iter().copied()).chain(after).collect();
     }
+}
+
+/// Frames after the last of an open path, each turned against the one before as the path turns at its end.
+fn onward(frames: &[Frame], step_mm: f32, stations: usize) -> Vec<Frame> {
+    const LOOK_BACK: usize = 6;
+    let (Some(last), Some(earlier)) =
+        (frames.last().copied(), frames.len().checked_sub(1 + LOOK_BACK).and_then(|k| frames.get(k)))
+    else {
+        return Vec::new();
+    };
+    let turn = Rotation3::rotation_between(&earlier.tangent, &last.tangent).unwrap_or_default();
+    let (step, half) = (turn.powf(1.0 / LOOK_BACK as f32), turn.powf(0.5 / LOOK_BACK as f32));
+    let mut frame = last;
+    let mut after = Vec::with_capacity(stations);
+    for _ in 0..stations {
+        let position = frame.position + half * frame.tangent * step_mm;
+        frame = Frame { position, tangent: step * frame.tangent, faces: frame.faces.map(|n| step * n) };
+        after.push(frame);
+    }
+    after
 }
 
 /// Rows `position, ...` at equal steps of the position's arc length.
@@ -177,12 +214,15 @@ fn frames(rows: &[[f64; 9]], closed: bool) -> Option<Vec<Frame>> {
         |k: usize, d: usize| Vector3::new(rows[k][d] as f32, rows[k][d + 1] as f32, rows[k][d + 2] as f32);
     (0..n)
         .map(|k| {
-            let (before, after) = if closed {
-                ((k + n - 1) % n, (k + 1) % n)
-            } else {
-                (k.saturating_sub(1), (k + 1).min(n - 1))
+            // At an end the parabola through the last three keeps the tangent of a curved seam.
+            let onward = |a: usize, b: usize, c: usize| (place(b) - place(a)) * 4.0 - (place(c) - place(a));
+            let tangent = match (closed, k) {
+                (true, _) => place((k + 1) % n) - place((k + n - 1) % n),
+                (false, 0) if n > 2 => onward(0, 1, 2),
+                (false, _) if k + 1 == n && n > 2 => -onward(k, k - 1, k - 2),
+                _ => place((k + 1).min(n - 1)) - place(k.saturating_sub(1)),
             };
-            Frame::new(place(k), place(after) - place(before), [vector(k, 3), vector(k, 6)])
+            Frame::new(place(k), tangent, [vector(k, 3), vector(k, 6)])
         })
         .collect()
 }
@@ -193,6 +233,8 @@ struct Section {
     points: [Vec<Beside>; 2],
     /// Coefficient of `u²` per face and station.
     bend: [Vec<f64>; 2],
+    /// Where points stand in the air between the faces: along the seam, sorted.
+    walls: Vec<f32>,
     reach_mm: [f32; 2],
     half_mm: f32,
     inner_mm: f32,
@@ -220,9 +262,14 @@ impl Section {
         let root_mm = voxel_mm * if opening_deg < ACUTE_DEG { config.acute_root } else { config.root };
         let gate_mm = voxel_mm * (1.7 - 0.35 * round as f32).max(1.0);
         let scale = Reach { from_mm: root_mm, inner_mm: 5.4 * voxel_mm, most_mm };
+        let in_air =
+            |p: &&Beside| p.u > 0.0 && p.h > WALL_FROM * voxel_mm && p.u.hypot(p.h) < WALL_TO * voxel_mm;
+        let mut walls: Vec<f32> = all.iter().filter(in_air).map(|p| p.s).collect();
+        walls.sort_unstable_by(f32::total_cmp);
         let mut section = Self {
             points: [Vec::new(), Vec::new()],
             bend: [Vec::new(), Vec::new()],
+            walls,
             reach_mm: [0.0; 2],
             half_mm: config.half * voxel_mm,
             inner_mm: scale.inner_mm,
@@ -388,6 +435,28 @@ impl Section {
         std::iter::once(between(from)).chain(inner).chain([between(to)]).collect()
     }
 
+    /// Stations up to the walls that an open path ran into while `added` stations were put to each end.
+    fn before_walls(&self, stations: &[Option<Station>], path: &Path, added: usize) -> Range<usize> {
+        let n = stations.len();
+        let all = 0..n;
+        if self.closed || self.walls.is_empty() {
+            return all;
+        }
+        let mut usual: Vec<f64> =
+            stations.iter().flatten().map(|s| 0.5 * (s.present[0] + s.present[1]) as f64).collect();
+        let least = WALL_SHARE * median(&mut usual);
+        let is_wall = |k: usize| {
+            let s = k as f32 * path.step_mm;
+            let from = self.walls.partition_point(|w| *w < s - path.step_mm);
+            let to = self.walls.partition_point(|w| *w <= s + path.step_mm);
+            (to - from) as f64 > least
+        };
+        let zone = (added + 2).min(n / 2);
+        let first = (0..zone).rev().find(|&k| is_wall(k)).unwrap_or(0);
+        let last = (n - zone..n).find(|&k| is_wall(k)).unwrap_or(n - 1);
+        first..last + 1
+    }
+
     fn view_share(&self, face: usize, s: f32) -> Vec<f32> {
         let mut share = vec![0.0; self.views];
         for (p, _) in self.window(face, s) {
@@ -429,11 +498,13 @@ fn intersect(frame: &Frame, fits: &[Fit; 2]) -> Option<(Vector2<f64>, [Vector2<f
 fn smoothed(
     path: &Path,
     stations: &[Option<Station>],
+    inside: Range<usize>,
     section: &Section,
     voxel_mm: f32,
     config: &Config,
 ) -> Option<Refined> {
-    let good = trusted(&present(stations), voxel_mm);
+    let mut good = trusted(&present(stations), voxel_mm);
+    good.iter_mut().enumerate().for_each(|(k, g)| *g &= inside.contains(&k));
     let longest_gap = (config.gap * voxel_mm / path.step_mm) as usize;
     let (from, to) = if path.closed { (0, good.len()) } else { longest_run(&good, longest_gap)? };
     let kept = &stations[from..to];
@@ -471,7 +542,7 @@ fn smoothed(
     let tilt = Samples { values: &normals, weights: &weights, step_mm, closed: path.closed };
     let curve = line.stiffest(block_mm);
     let smooth_places = line.smooth(curve);
-    let freedom = curve.freedom(step_mm * places.len() as f64, step_mm);
+    let freedom = curve.freedom(path.closed, step_mm * places.len() as f64, step_mm);
     let smooth_normals = tilt.smooth(tilt.stiffest(block_mm));
     let rows: Vec<[f64; 9]> = smooth_places
         .iter()
@@ -554,7 +625,7 @@ fn trusted(stations: &[Option<&Station>], voxel_mm: f32) -> Vec<bool> {
 }
 
 /// The longest stretch of good stations whose gaps are at most `gap` stations long.
-fn longest_run(good: &[bool], gap: usize) -> Option<(usize, usize)> {
+pub(super) fn longest_run(good: &[bool], gap: usize) -> Option<(usize, usize)> {
     let mut runs: Vec<(usize, usize)> = Vec::new();
     for k in (0..good.len()).filter(|&k| good[k]) {
         match runs.last_mut() {
