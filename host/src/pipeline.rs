@@ -99,7 +99,8 @@ pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Re
     let registration =
         clock.time("reconstruction", || reconstruction::register(views, &patches, &config.reconstruction));
     let merged = clock.time("merge", || Merged::new(views, &registration.base_from_camera));
-    let whole_views = views.len() > 1 && views.iter().all(|v| v.camera_known);
+    let cameras_known = views.iter().all(|v| v.camera_known);
+    let whole_views = views.len() > 1 && cameras_known;
     let unknown_side = views.iter().any(|v| !v.camera_known && v.normals.is_empty());
     let first = downsampling::Scale::of(&merged, &patches, &config.downsampling);
     // Coarse or quantised clouds show their seams only at a larger scale.
@@ -126,8 +127,15 @@ pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Re
         observer.stage("seam");
         let registration = Some(&registration);
         let names = views.iter().map(|v| v.name.as_str()).collect();
-        let input =
-            seam::Input { merged: &merged, voxels: &voxels, model: &model, registration, names, whole_views };
+        let input = seam::Input {
+            merged: &merged,
+            voxels: &voxels,
+            model: &model,
+            registration,
+            names,
+            whole_views,
+            cameras_known,
+        };
         let found = match config.method {
             Method::Weldpath => clock.time("seam", || seam::find(&input, &config.seam)),
             Method::Paper { ratio_threshold } => {

@@ -13,6 +13,7 @@ pub mod refine;
 pub mod section;
 pub mod smooth;
 pub mod splice;
+pub mod step;
 pub mod support;
 pub mod wedge;
 
@@ -113,6 +114,8 @@ pub struct Config {
     pub chain: chain::Config,
     /// Refinement on the raw points.
     pub refine: refine::Config,
+    /// Steps between parallel layers.
+    pub step: step::Config,
 }
 
 /// What the steps before the seams hand over.
@@ -129,6 +132,8 @@ pub struct Input<'a> {
     pub names: Vec<&'a str>,
     /// Whether the cloud is a scan of cameras whose whole view is kept, so that a table would be in it.
     pub whole_views: bool,
+    /// Whether every point was seen by a camera of known place.
+    pub cameras_known: bool,
 }
 
 /// Seams and what was left out on the way.
@@ -169,6 +174,9 @@ pub fn find(input: &Input, config: &Config) -> Found {
     let (sure, unsure): (Vec<Seam>, Vec<Seam>) = described.partition(is_sure);
     found.seams = sure;
     found.warnings.extend(unsure.iter().map(left_out));
+    if found.seams.is_empty() {
+        found.seams = steps(input, table.as_ref(), &grid, config);
+    }
     mark_branches(&mut found.seams, 6.0 * f64::from(v));
     order(&mut found.seams);
     let unsure = unsure.first().map(left_out);
@@ -189,6 +197,34 @@ fn measure(input: &Input, chain: &chain::Chain, model: &Grid, config: &Config) -
         .and_then(|chain| refine(&chain))
         .filter(|seam| longest_gap(&seam.measured) as f32 * seam.step_mm <= 2.0 * config.refine.gap * v);
     whole.or_else(|| refine(chain))
+}
+
+/// Seams by the second cue: plates on plates whose sides were not seen.
+fn steps(input: &Input, table: Option<&support::Support>, model: &Grid, config: &Config) -> Vec<Seam> {
+    let v = input.voxels.edge_mm;
+    let cloud = &input.voxels.cloud;
+    let corners = step::corners(cloud, &Grid::new(&cloud.points_mm, 4.0 * v), v, &config.step);
+    let is_table = |c: &corner::Corner| table.is_some_and(|t| t.is_face(&c.faces[0], &c.position));
+    let (on_table, off_table): (Vec<_>, Vec<_>) = corners.into_iter().partition(is_table);
+    let trace =
+        |corners: &[corner::Corner]| splice::joined(chain::trace(corners, model, v, &config.chain), model, v);
+    let mut chains = trace(&off_table);
+    if chains.is_empty() && !input.whole_views {
+        chains = trace(&on_table);
+    }
+    let refine = |chain: &chain::Chain| {
+        let scan = step::Scan { merged: input.merged, of_cameras: input.cameras_known };
+        step::refine(&scan, chain, v, &config.refine, &config.step)
+    };
+    let measured = chains.iter().filter_map(|chain| Some((chain, refine(chain)?))).collect();
+    let measured = overlap::apart(measured, v, config.chain.shortest_voxels * v);
+    let seams = measured.iter().map(|(chain, refined)| Seam {
+        joint: Joint::Lap,
+        reason: format!("a step of {:.1} mm between parallel faces", refined.reach_mm[1]),
+        warnings: vec!["the side of the upper plate was not seen and is taken as square to it".into()],
+        ..describe(input, chain, refined, model, config.refine.reach * v)
+    });
+    seams.filter(|seam| is_sure(seam) && seam.expected_error_mm < f64::from(v)).collect()
 }
 
 /// The candidates that pass the gate, moved onto the line in which their faces meet.

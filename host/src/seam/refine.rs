@@ -122,15 +122,15 @@ pub fn refine(merged: &Merged, chain: &Chain, voxel_mm: f32, config: &Config) ->
 }
 
 /// Stations at equal steps.
-struct Path {
-    frames: Vec<Frame>,
-    step_mm: f32,
-    closed: bool,
+pub(super) struct Path {
+    pub(super) frames: Vec<Frame>,
+    pub(super) step_mm: f32,
+    pub(super) closed: bool,
 }
 
 impl Path {
     /// A chain, lightly smoothed, at about `step_mm`.
-    fn new(chain: &Chain, step_mm: f32) -> Option<Self> {
+    pub(super) fn new(chain: &Chain, step_mm: f32) -> Option<Self> {
         let rows: Vec<[f64; 9]> = chain
             .links
             .iter()
@@ -148,7 +148,7 @@ impl Path {
     }
 
     /// Continues an open path, bending on as it bends, to find where the seam ends.
-    fn extend(&mut self, stations: usize) {
+    pub(super) fn extend(&mut self, stations: usize) {
         if self.closed {
             return;
         }
@@ -228,7 +228,7 @@ fn frames(rows: &[[f64; 9]], closed: bool) -> Option<Vec<Frame>> {
 }
 
 /// The raw points of a path in its coordinates, by face and along the seam.
-struct Section {
+pub(super) struct Section {
     /// Sorted along the seam.
     points: [Vec<Beside>; 2],
     /// Coefficient of `u²` per face and station.
@@ -236,7 +236,7 @@ struct Section {
     /// Where points stand in the air between the faces: along the seam, sorted.
     walls: Vec<f32>,
     reach_mm: [f32; 2],
-    half_mm: f32,
+    pub(super) half_mm: f32,
     inner_mm: f32,
     length_mm: f32,
     closed: bool,
@@ -244,13 +244,13 @@ struct Section {
 }
 
 /// What one station measured: correction across the seam, face normals in the cross-section, fits.
-struct Station {
-    across: Vector2<f64>,
-    normals: [Vector2<f64>; 2],
-    fits: [Fit; 2],
+pub(super) struct Station {
+    pub(super) across: Vector2<f64>,
+    pub(super) normals: [Vector2<f64>; 2],
+    pub(super) fits: [Fit; 2],
     /// Points of each face next to the seam and level with the station.
-    present: [usize; 2],
-    view_share: [Vec<f32>; 2],
+    pub(super) present: [usize; 2],
+    pub(super) view_share: [Vec<f32>; 2],
 }
 
 impl Section {
@@ -301,6 +301,27 @@ impl Section {
         section
     }
 
+    /// Points of two layers, sorted along the seam, instead of points of two faces that meet in it.
+    pub(super) fn of_layers(
+        points: [Vec<Beside>; 2],
+        path: &Path,
+        reach_mm: [f32; 2],
+        half_mm: f32,
+        views: usize,
+    ) -> Self {
+        Self {
+            points,
+            bend: [Vec::new(), Vec::new()],
+            walls: Vec::new(),
+            reach_mm,
+            half_mm,
+            inner_mm: f32::MAX,
+            length_mm: path.step_mm * path.frames.len() as f32,
+            closed: path.closed,
+            views,
+        }
+    }
+
     /// Points of a face within the window about `s`, with their distance along the seam from it.
     fn window(&self, face: usize, s: f32) -> Vec<(&Beside, f32)> {
         let points = &self.points[face];
@@ -318,7 +339,7 @@ impl Section {
         found
     }
 
-    fn samples(&self, face: usize, s: f32) -> Vec<Sample> {
+    pub(super) fn samples(&self, face: usize, s: f32) -> Vec<Sample> {
         let half = f64::from(self.half_mm);
         let sample = |(p, d): (&Beside, f32)| {
             let d = f64::from(d);
@@ -457,7 +478,7 @@ impl Section {
         first..last + 1
     }
 
-    fn view_share(&self, face: usize, s: f32) -> Vec<f32> {
+    pub(super) fn view_share(&self, face: usize, s: f32) -> Vec<f32> {
         let mut share = vec![0.0; self.views];
         for (p, _) in self.window(face, s) {
             share[usize::from(p.view)] += 1.0;
@@ -468,7 +489,7 @@ impl Section {
 }
 
 /// Axes of the cross-section: `o = m × n`, `n`.
-fn cross_section(frame: &Frame) -> (Vector3<f32>, Vector3<f32>) {
+pub(super) fn cross_section(frame: &Frame) -> (Vector3<f32>, Vector3<f32>) {
     let n = frame.bisector();
     (frame.tangent.cross(&n), n)
 }
@@ -495,7 +516,7 @@ fn intersect(frame: &Frame, fits: &[Fit; 2]) -> Option<(Vector2<f64>, [Vector2<f
 }
 
 /// Stations without outliers, in one stretch, smoothed.
-fn smoothed(
+pub(super) fn smoothed(
     path: &Path,
     stations: &[Option<Station>],
     inside: Range<usize>,

@@ -12,6 +12,10 @@ const LEAST_SHARE: f32 = 0.15;
 /// Largest share of all points that may lie behind it.
 const MOST_BEHIND: f32 = 0.01;
 
+/// Standard deviations beyond which points are left out of the second fit, and what of a normal scatter then remains.
+const TRIM: f32 = 2.0;
+const TRIMMED: f32 = 1.0 / 0.88;
+
 /// Largest half thickness of a table, voxels.
 const FLAT_VOXELS: f32 = 2.5;
 
@@ -78,16 +82,25 @@ fn along(voxels: &Voxels, direction: &Vector3<f32>) -> Option<Support> {
         let best =
             (peak..(peak + 3).min(histogram.len() - 1)).max_by_key(|&b| histogram[b] + histogram[b + 1])?;
         let middle = low + (best + 1) as f32 * bin_mm;
-        let mut moments = Moments::default();
-        for k in (0..voxels.cloud.len()).filter(|&k| facing(k) && (height(k) - middle).abs() < bin_mm) {
-            moments.add(voxels.cloud.points_mm[k].coords - normal * middle);
-        }
-        let plane = moments.plane();
-        let up = if plane.normal.dot(&normal) < 0.0 { -plane.normal } else { plane.normal };
-        let offset_mm = up.dot(&(plane.mean + normal * middle));
+        let fitted = |axis: &Vector3<f32>, middle: f32, within: f32| {
+            let mut moments = Moments::default();
+            for k in (0..voxels.cloud.len()).filter(|&k| facing(k)) {
+                let p = &voxels.cloud.points_mm[k].coords;
+                if (axis.dot(p) - middle).abs() < within {
+                    moments.add(p - axis * middle);
+                }
+            }
+            let plane = moments.plane();
+            let up = if plane.normal.dot(axis) < 0.0 { -plane.normal } else { plane.normal };
+            (up, up.dot(&(plane.mean + axis * middle)), plane.variance_mm2.sqrt(), moments.count)
+        };
+        let (up, offset_mm, sigma_mm, _) = fitted(&normal, middle, bin_mm);
+        // Once more without what is not of the plane: another layer within the bin would thicken it.
+        let within = (TRIM * sigma_mm).max(0.5 * voxels.edge_mm);
+        let (up, offset_mm, sigma_mm, count) = fitted(&up, offset_mm, within);
         normal = up;
-        let half_mm = (3.0 * plane.variance_mm2.sqrt()).max(voxels.edge_mm);
-        found = Some(Support { normal, offset_mm, half_mm, share: moments.count / total });
+        let half_mm = (3.0 * TRIMMED * sigma_mm).max(voxels.edge_mm);
+        found = Some(Support { normal, offset_mm, half_mm, share: count / total });
     }
     let support = found?;
     let behind =
