@@ -134,6 +134,8 @@ pub struct Input<'a> {
     pub whole_views: bool,
     /// Whether every point was seen by a camera of known place.
     pub cameras_known: bool,
+    /// Whether these are larger voxels than the cloud asks for, the largest that are tried when no others show a seam.
+    pub last_scale: bool,
 }
 
 /// Seams and what was left out on the way.
@@ -165,13 +167,18 @@ pub fn find(input: &Input, config: &Config) -> Found {
         // A cropped cloud has no table in it: its lowest plane is part of the work.
         chains = chain::trace(&on_table, &grid, v, &config.chain);
     }
+    if chains.is_empty() && input.last_scale {
+        chains = chain::trace(&off_table, &grid, v, &config.chain.blurred());
+    }
     let chains = splice::joined(chains, &grid, v);
     let measured: Vec<(&chain::Chain, refine::Refined)> =
         chains.iter().filter_map(|chain| Some((chain, measure(input, chain, &grid, config)?))).collect();
     let measured = overlap::apart(measured, v, config.chain.shortest_voxels * v);
     let most_mm = config.refine.reach * v;
     let described = measured.iter().map(|(chain, seam)| describe(input, chain, seam, &grid, most_mm));
-    let (sure, unsure): (Vec<Seam>, Vec<Seam>) = described.partition(is_sure);
+    let most_error_mm = if input.last_scale { LAST_ERROR_VOXELS * f64::from(v) } else { f64::INFINITY };
+    let (sure, unsure): (Vec<Seam>, Vec<Seam>) =
+        described.partition(|seam| is_sure(seam) && seam.expected_error_mm < most_error_mm);
     found.seams = sure;
     found.warnings.extend(unsure.iter().map(left_out));
     if found.seams.is_empty() {
@@ -255,6 +262,8 @@ const LOOSE_NOISES: f64 = 0.38;
 /// Least confidence, and largest expected error of the torch, with which a seam is offered.
 const LEAST_CONFIDENCE: f64 = 0.6;
 const MOST_ERROR_DEG: f64 = 6.0;
+/// Largest expected error of the position of a seam that only the coarsest voxels show, in those.
+const LAST_ERROR_VOXELS: f64 = 0.15;
 
 fn is_sure(seam: &Seam) -> bool {
     seam.confidence >= LEAST_CONFIDENCE && seam.expected_error_deg <= MOST_ERROR_DEG

@@ -170,6 +170,34 @@ fn the_lap_joints_seam_lies_on_the_upper_plates_edge() {
     assert!(wrong.is_empty(), "{wrong:#?}");
 }
 
+#[test]
+fn one_valley_is_found_in_one_place_at_five_densities() {
+    let Some(real) = shared_data("real") else { return };
+    let mut files = Vec::new();
+    clouds(&real.join("blackhorsewu+CoboWeld"), &mut files);
+    let densities = ["nodownsample", "1mmvoxel", "1-5mmvoxel", "2mmvoxel", "3mmvoxel"];
+    let paths = densities.map(|name| {
+        let path = files.iter().find(|path| path.file_stem().is_some_and(|stem| stem == name));
+        let plan = plan(path.expect("a cloud")).unwrap_or_else(|error| panic!("{name}: {error}"));
+        assert_eq!(plan.seams.len(), 1, "{name}");
+        plan.paths[0].points.iter().map(|point| point.position_mm).collect::<Vec<_>>()
+    });
+    // The depth is quantised to 1 mm and the valley is 20 mm wide and round: its line is no sharper than this.
+    const SAME_PLACE_MM: f64 = 3.0;
+    for (name, path) in densities.iter().zip(&paths).skip(1) {
+        let gaps = path.iter().map(|p| (p, foot(p, &paths[0])));
+        let off: Vec<f64> =
+            gaps.filter(|(_, (_, beside))| *beside).map(|(p, (at, _))| (p - at).norm()).collect();
+        println!(
+            "{name}: {} of {} points beside the densest, {:.2} mm rms",
+            off.len(),
+            path.len(),
+            rms(&off)
+        );
+        assert!(2 * off.len() > path.len().min(paths[0].len()) && rms(&off) < SAME_PLACE_MM, "{name}");
+    }
+}
+
 /// A lidar's view: points in the sensor's own frame, which stands in the base frame as given.
 fn lidar(path: &Path) -> View {
     let view = read(path, Units::Metres).views.remove(0);

@@ -39,6 +39,13 @@ impl Default for Config {
     }
 }
 
+impl Config {
+    /// For valleys whose faces blend into each other: single corners there scatter and lean with where they were fitted.
+    pub fn blurred(&self) -> Self {
+        Self { step_voxels: 2.5, beside_voxels: 2.5, turn_deg: 30.0, tilt_deg: 40.0, ..*self }
+    }
+}
+
 /// An ordered run of corners. The first of `faces` is the same face all along.
 #[derive(Debug, Clone, Default)]
 pub struct Chain {

@@ -19,6 +19,9 @@ const TRIMMED: f32 = 1.0 / 0.88;
 /// Largest half thickness of a table, voxels.
 const FLAT_VOXELS: f32 = 2.5;
 
+/// Least mean cosine between a table and the normals of its points: on a tube they spread to the limit of what is looked at.
+const ALIKE: f32 = 0.985;
+
 /// A plane and how far its points scatter.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Support {
@@ -106,6 +109,14 @@ fn along(voxels: &Voxels, direction: &Vector3<f32>) -> Option<Support> {
     let behind =
         voxels.cloud.points_mm.iter().filter(|p| support.height_mm(p) < -3.0 * support.half_mm).count();
     // A curved or rough surface is no table.
-    let flat = support.half_mm <= FLAT_VOXELS * voxels.edge_mm;
+    let (mut alike, mut count) = (0.0, 0.0f32);
+    for (p, n) in voxels.cloud.points_mm.iter().zip(&voxels.cloud.normals) {
+        let cosine = n.dot(&support.normal);
+        if cosine > 0.9 && support.height_mm(p).abs() < support.half_mm {
+            alike += cosine;
+            count += 1.0;
+        }
+    }
+    let flat = support.half_mm <= FLAT_VOXELS * voxels.edge_mm && alike > ALIKE * count.max(1.0);
     (flat && support.share > LEAST_SHARE && behind as f32 <= MOST_BEHIND * total).then_some(support)
 }
