@@ -10,6 +10,7 @@ use weldpath::job::Job;
 use weldpath::pipeline::{self, Plan};
 use weldpath::postprocessing::postprocess;
 use weldpath::scan;
+use weldpath::simulation::{Request, simulate, write};
 use weldpath_tests::shared_data;
 
 /// The worst that is accepted: position RMSE in mm, torch RMSE in degrees, shares in percent.
@@ -161,6 +162,21 @@ fn the_committed_scans_hold_their_floor() {
         shown.add(name, &folder, &truth(&folder.join("truth.json")), floor);
     }
     assert!(shown.below.is_empty(), "{:#?}", shown.below);
+}
+
+#[test]
+fn webs_that_cross_end_each_others_seams() {
+    let mut request = Request::new("cruciform".parse().expect("a part"), 11);
+    request.noise = "mid".parse().expect("a noise");
+    let scratch = tempfile::tempdir().expect("a folder");
+    write(&simulate(&request).expect("a scan"), scratch.path()).expect("a folder");
+    let truth = truth(&scratch.path().join("truth.json"));
+    let plan = plan(scratch.path()).unwrap_or_else(|error| panic!("{error}"));
+    let scored = score(&written(&plan), &truth, &Options::default());
+    println!("cruciform: {:?} mm, {:?} degrees, {}", scored.rmse_mm, scored.rmse_deg, scored.coverage);
+    // Eight along the foot and four upright; a seam that went on through a web would be 60 degrees off there.
+    assert_eq!(plan.seams.len(), 12);
+    assert!(scored.coverage > 0.97 && scored.rmse_deg.is_some_and(|deg| deg < 0.7));
 }
 
 #[test]

@@ -5,7 +5,7 @@
 
 use crate::downsampling::Voxels;
 use crate::normals::Moments;
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Matrix2, Point3, Vector2, Vector3};
 
 /// Least share of all points that the support holds.
 const LEAST_SHARE: f32 = 0.15;
@@ -19,8 +19,10 @@ const TRIMMED: f32 = 1.0 / 0.88;
 /// Largest half thickness of a table, voxels.
 const FLAT_VOXELS: f32 = 2.5;
 
-/// Least mean cosine between a table and the normals of its points: on a tube they spread to the limit of what is looked at.
-const ALIKE: f32 = 0.985;
+/// Largest share of the spread of a table's normals that goes with the place: noise leaves none, a tube nearly all.
+const MOST_CURVED: f32 = 0.4;
+/// Spread of the normals, as a mean squared sine, below which a surface is flat however it is spread.
+const FLAT_SPREAD: f32 = 0.004;
 
 /// A plane and how far its points scatter.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -109,14 +111,33 @@ fn along(voxels: &Voxels, direction: &Vector3<f32>) -> Option<Support> {
     let behind =
         voxels.cloud.points_mm.iter().filter(|p| support.height_mm(p) < -3.0 * support.half_mm).count();
     // A curved or rough surface is no table.
-    let (mut alike, mut count) = (0.0, 0.0f32);
-    for (p, n) in voxels.cloud.points_mm.iter().zip(&voxels.cloud.normals) {
-        let cosine = n.dot(&support.normal);
-        if cosine > 0.9 && support.height_mm(p).abs() < support.half_mm {
-            alike += cosine;
-            count += 1.0;
-        }
-    }
-    let flat = support.half_mm <= FLAT_VOXELS * voxels.edge_mm && alike > ALIKE * count.max(1.0);
+    let flat = support.half_mm <= FLAT_VOXELS * voxels.edge_mm && !is_curved(voxels, &support);
     (flat && support.share > LEAST_SHARE && behind as f32 <= MOST_BEHIND * total).then_some(support)
+}
+
+/// Whether the normals of a support's points turn with their place on it, as on a tube.
+fn is_curved(voxels: &Voxels, support: &Support) -> bool {
+    let across = support.normal.cross(&Vector3::new(support.normal.z, support.normal.x, support.normal.y));
+    let Some(a) = across.try_normalize(1e-3) else { return false };
+    let b = support.normal.cross(&a);
+    let rows = || {
+        let both = voxels.cloud.points_mm.iter().zip(&voxels.cloud.normals);
+        both.filter(|(p, n)| n.dot(&support.normal) > 0.9 && support.height_mm(p).abs() < support.half_mm)
+            .map(|(p, n)| {
+                (Vector2::new(p.coords.dot(&a), p.coords.dot(&b)), Vector2::new(n.dot(&a), n.dot(&b)))
+            })
+    };
+    let count = rows().count().max(1) as f32;
+    let sum = rows().fold((Vector2::zeros(), Vector2::zeros()), |s, r| (s.0 + r.0, s.1 + r.1));
+    let (place, tilt) = (sum.0 / count, sum.1 / count);
+    let (mut places, mut crossed, mut spread) = (Matrix2::zeros(), Matrix2::zeros(), 0.0);
+    for (p, n) in rows() {
+        let (p, n) = (p - place, n - tilt);
+        places += p * p.transpose();
+        crossed += n * p.transpose();
+        spread += n.norm_squared();
+    }
+    let Some(inverse) = places.try_inverse() else { return false };
+    let explained = (crossed * inverse * crossed.transpose()).trace();
+    spread > FLAT_SPREAD * count && explained > MOST_CURVED * spread
 }
