@@ -14,6 +14,7 @@ pub mod section;
 pub mod smooth;
 pub mod splice;
 pub mod step;
+pub mod stretch;
 pub mod support;
 pub mod wedge;
 

@@ -29,7 +29,7 @@ pub fn apart<T>(mut seams: Vec<(T, Refined)>, voxel_mm: f32, shortest_mm: f32) -
             seam.frames.iter().map(is_free).collect()
         };
         if free.iter().any(|f| !f) {
-            let Some(range) = super::refine::longest_run(&free, 0) else { continue };
+            let Some(range) = super::stretch::longest_run(&free, 0) else { continue };
             seam.keep(range.0..range.1);
             if length(&seam) < shortest_mm {
                 continue;

@@ -9,6 +9,7 @@ use super::corner::Corner;
 use super::face::{self, Fit, Sample};
 use super::refine::{self, Path, Refined, Section, Station, cross_section};
 use super::section::{Beside, beside, near_path};
+use super::stretch;
 use crate::cloud::{Merged, PointCloud};
 use crate::grid::Grid;
 use nalgebra::{Point3, Vector2, Vector3};
@@ -183,7 +184,7 @@ pub fn refine(
             .map(|k| station(&section, &path, k, height_mm, voxel_mm, config))
             .collect();
         let all = 0..stations.len();
-        let outcome = refine::smoothed(&path, &stations, all, &section, voxel_mm, sizes)?;
+        let outcome = stretch::smoothed(&path, &stations, all, &section, voxel_mm, sizes)?;
         path = Path { frames: outcome.frames.clone(), step_mm: outcome.step_mm, closed: path.closed };
         refined = Some(outcome);
     }
