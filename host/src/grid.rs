@@ -163,14 +163,12 @@ impl Grid {
         })
     }
 
-    /// The entry of the cell at `at`, occupied or not, if its row reaches there.
+    /// The entries of the row of cells along x at `y`, `z`, and the x of the first of them.
     #[inline]
-    pub fn entry(&self, at: [usize; 3]) -> Option<usize> {
-        let row = at[2] * self.cells[1] + at[1];
+    pub fn row(&self, y: usize, z: usize) -> (usize, Range<usize>) {
+        let row = z * self.cells[1] + y;
         let (first, end) = (self.rows[row], self.rows[row + 1].entry);
-        let x = (at[0] as u32).checked_sub(first.first_x)?;
-        let entry = first.entry + x;
-        (entry < end).then_some(entry as usize)
+        (first.first_x as usize, first.entry as usize..end as usize)
     }
 
     /// Centre of a cell, mm.
@@ -249,6 +247,38 @@ impl Grid {
         }
     }
 
+    /// The nearest accepted point within `radius_mm`, as [`Grid::nearest`], and a distance within which there is no other.
+    #[inline]
+    pub fn nearest_alone(
+        &self,
+        q: &Point3<f32>,
+        radius_mm: f32,
+        mut accept: impl FnMut(usize) -> bool,
+    ) -> (Option<(usize, f32)>, f32) {
+        let limit = radius_mm * radius_mm;
+        let mut reach = self.cell_mm.min(radius_mm);
+        loop {
+            // Counted anew with each reach, else the nearest would be met twice and become its own second.
+            let (mut best, mut best_d2, mut second_d2) = (None, limit, limit);
+            self.runs(q, reach, |run| {
+                for slot in run {
+                    let d2 = self.squared_distance(slot, q);
+                    if d2 < second_d2 && accept(slot) {
+                        if d2 < best_d2 {
+                            (best, second_d2, best_d2) = (Some(slot), best_d2, d2);
+                        } else {
+                            second_d2 = d2;
+                        }
+                    }
+                }
+            });
+            if best_d2 <= reach * reach || reach >= radius_mm {
+                return (best.map(|slot| (slot, best_d2)), second_d2.sqrt().min(reach));
+            }
+            reach = (reach * 2.0).min(radius_mm);
+        }
+    }
+
     #[inline]
     fn squared_distance(&self, slot: usize, q: &Point3<f32>) -> f32 {
         let (dx, dy, dz) = (self.x[slot] - q.x, self.y[slot] - q.y, self.z[slot] - q.z);
@@ -306,6 +336,23 @@ mod tests {
         assert_eq!(d2, expected.fold(f32::MAX, f32::min));
         assert!(odd(grid.index(slot)));
         assert!(grid.nearest(&q, 0.1, |_| true).is_none());
+    }
+
+    #[test]
+    fn no_other_point_is_within_the_distance_beside_the_nearest() {
+        let points = lattice();
+        let grid = Grid::new(&points, 2.0);
+        for q in [Point3::new(0.4, 1.9, -2.2), Point3::new(-9.0, 3.1, 4.4), Point3::new(1.5, 0.1, 0.7)] {
+            for radius in [0.3, 1.6, 7.0, 20.0] {
+                let (found, alone) = grid.nearest_alone(&q, radius, |_| true);
+                assert_eq!(found, grid.nearest(&q, radius, |_| true));
+                let own = found.map(|(slot, _)| grid.index(slot));
+                let others = (0..points.len()).filter(|&i| Some(i) != own);
+                let next = others.map(|i| (points[i] - q).norm()).fold(f32::MAX, f32::min);
+                assert!(alone <= next && alone <= radius, "{alone} {next}");
+                assert!(found.is_none_or(|(_, d2)| d2.sqrt() <= alone));
+            }
+        }
     }
 
     #[test]
