@@ -4,6 +4,8 @@
 //! Departure from the paper: one normal per cell, not per raw point, because a third of a millimetre of noise at half
 //! a millimetre of spacing leaves a raw point's normal meaningless.
 
+pub mod pointwise;
+
 use crate::cloud::{PointCloud, View};
 use crate::grid::{Cell, Grid};
 use nalgebra::{Point3, Vector3};

@@ -21,7 +21,7 @@ mod units;
 
 use std::path::{Path, PathBuf};
 
-use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 use crate::cloud::View;
 use kind::Kind;
@@ -163,6 +163,20 @@ pub fn read_bytes(bytes: Vec<u8>, path: &Path, options: &Options) -> Result<Scan
         Some(kind) => single(parse(bytes, kind, path)?, path, options),
         None => Err(Error::UnknownKind { path: path.into(), help: kind::help(path) }),
     }
+}
+
+/// The points of a PLY, PCD, XYZ/CSV, STL or OBJ file as they stand in it: its unit, its frame, nothing dropped.
+///
+/// # Errors
+/// As [`read`].
+pub fn points(path: &Path) -> Result<Vec<Point3<f32>>, Error> {
+    let bytes = read_file(path)?;
+    let unknown = || Error::UnknownKind { path: path.into(), help: kind::help(path) };
+    let kind = kind::of(&bytes, path).ok_or_else(unknown)?;
+    Ok(match parse(bytes, kind, path)?.positions {
+        raw::Positions::Single(points) => points,
+        raw::Positions::Double(points) => points.iter().map(|p| p.cast()).collect(),
+    })
 }
 
 /// The points of one file, as they stand in it.

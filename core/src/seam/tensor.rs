@@ -30,6 +30,11 @@ impl RatioThreshold {
 pub struct Tensor([f32; 6]);
 
 impl Tensor {
+    /// From its components in the order xx xy xz yy yz zz.
+    pub const fn new(components: [f32; 6]) -> Self {
+        Self(components)
+    }
+
     /// Outer product of a gradient with itself: the quadratic form of eq. (14), the matrix of eq. (15).
     pub fn outer(g: &Vector) -> Self {
         Self([g.x * g.x, g.x * g.y, g.x * g.z, g.y * g.y, g.y * g.z, g.z * g.z])
