@@ -68,7 +68,7 @@ fn sizes(program: &Path) -> BTreeMap<String, f64> {
 
 /// Most stack used after the message that needs most, a full patch to score.
 fn stack(program: &Path) -> u32 {
-    let (machine, mut panel) = Machine::boot(program, Wire::Socket).expect("boots");
+    let (machine, panel) = Machine::boot(program, Wire::Socket).expect("boots");
     let mut client = Client::new(machine.open_link().expect("opens"));
     client.connect(1).expect("a session");
     let points = (0..64).map(|k: i16| Offset { um: [k % 8 * 500, k / 8 * 500, k * 7 % 100] }).collect();
