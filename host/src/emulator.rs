@@ -147,6 +147,11 @@ impl Emulator {
         self.folder.path()
     }
 
+    /// Of its process.
+    pub fn process_id(&self) -> u32 {
+        self.child.id()
+    }
+
     /// What has come out of the semihosting console: defmt's frames.
     pub fn console(&self) -> io::Result<Vec<u8>> {
         fs::read(self.folder.path().join("console"))

@@ -144,12 +144,20 @@ impl Drop for Running {
     }
 }
 
+/// Runs a command to its end, which may take an hour.
+///
+/// # Panics
+/// If it takes longer.
+pub fn end_of(command: &mut Command) -> Ended {
+    Running::with_keys_from(command, Stdio::null()).end_within(LONG_PATIENCE)
+}
+
 /// Runs a command to its end, which has to be a good one; what it said.
 ///
 /// # Panics
 /// If it fails or does not end.
 pub fn ends_well(command: &mut Command) -> String {
-    let ended = Running::with_keys_from(command, Stdio::null()).end_within(LONG_PATIENCE);
+    let ended = end_of(command);
     assert_eq!(ended.code, Some(0), "{command:?}: {}", ended.said);
     ended.said
 }

@@ -88,6 +88,18 @@ impl Machine {
         self.emulator.tell(command)
     }
 
+    /// Leaves the emulator without a processor for so long; its clock goes on.
+    pub fn starve(&self, time: Duration) -> io::Result<()> {
+        let signal = |name: &str| {
+            let command = format!("kill -{name} {}", self.emulator.process_id());
+            let sent = Command::new("sh").args(["-c", &command]).status()?;
+            sent.success().then_some(()).ok_or_else(|| io::Error::other(command))
+        };
+        signal("STOP")?;
+        sleep(time);
+        signal("CONT")
+    }
+
     /// Waits until the program has ended the emulator itself; what it wrote to its console.
     pub fn run_to_end(mut self) -> io::Result<Vec<u8>> {
         self.tell("cont")?;

@@ -5,11 +5,12 @@ use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::Path;
 use std::sync::MutexGuard;
 use std::thread;
+use std::time::Instant;
 
 use weldpath::serial;
 
 use crate::adversary::Random;
-use crate::command::{Running, weldpath};
+use crate::command::{PATIENCE, Running, weldpath};
 use crate::qemu::alone;
 
 /// A simulated pendant, ended with the test.
@@ -57,14 +58,19 @@ impl Simulated {
     }
 
     /// Does what `stream` asks of its operator until it says one of the parts; that line.
+    ///
+    /// # Panics
+    /// If it does not within twice [`PATIENCE`].
     pub fn operate(&mut self, host: &mut Running, parts: &[&str]) -> String {
         const STOPPED: &str = "waiting: ";
         const SWITCH: &str = "waiting for the enabling switch";
         // Of a busy machine: the host itself was silent for too long, or waypoints came too late.
         const HELD: &str = "r resumes";
         let all: Vec<&str> = parts.iter().copied().chain([STOPPED, SWITCH, HELD]).collect();
+        let begin = Instant::now();
         loop {
             let line = host.wait_for(&all);
+            assert!(begin.elapsed() < 2 * PATIENCE, "{parts:?} do not come, last {line:?}");
             if parts.iter().any(|part| line.contains(part)) {
                 return line;
             } else if line.contains(STOPPED) {

@@ -1,5 +1,7 @@
 //! The firmware's own promises: it boots, it says why, and whatever breaks it turns everything off first.
 
+use std::time::Duration;
+
 use weldpath_core::interlock::{Fault, State};
 use weldpath_tests::qemu::{Client, Clock, Inputs, Machine, Panel, Seen, Wire, firmware};
 
@@ -30,6 +32,16 @@ fn a_stack_overflow_is_caught_below_the_variables_and_reports_itself() {
 #[test]
 fn a_hang_is_ended_by_the_watchdog_and_reports_itself() {
     fatal(b'$', 3);
+}
+
+#[test]
+fn an_emulator_without_a_processor_for_a_second_is_no_hang() {
+    let Some((machine, panel)) = booted() else { return };
+    panel.wait_for(|seen| matches!(seen, Seen::Outputs { .. })).unwrap();
+    machine.starve(Duration::from_secs(1)).unwrap();
+    panel.send(b'?').unwrap();
+    let seen = panel.wait_for(|seen| matches!(seen, Seen::Stack(_) | Seen::Boot(_))).unwrap();
+    assert!(matches!(seen, Seen::Stack(_)), "{seen:?}");
 }
 
 fn fatal(fault: u8, cause: u8) {
