@@ -46,5 +46,8 @@ firmware/build.sh clippy --release -- -D warnings
 firmware/build.sh clippy --release --no-default-features --features stm32f407 -- -D warnings
 firmware/build.sh build --release --no-default-features --features stm32f407
 
+say "mutants apply"
+MUTANTS_TARGET_DIR="$PWD/target/mutants" tests/mutants.sh --check
+
 say "tests: units, properties, fixtures, link, firmware in QEMU"
 WELDPATH_REQUIRE_QEMU=1 cargo test --workspace

@@ -8,6 +8,7 @@ pub mod bench;
 pub mod command;
 pub mod in_process;
 pub mod qemu;
+pub mod simulated;
 pub mod world;
 
 use std::path::{Path, PathBuf};
