@@ -11,6 +11,7 @@ pub mod downsampling;
 pub mod emulator;
 pub mod evaluation;
 pub mod export;
+pub mod feasibility;
 pub mod grid;
 pub mod job;
 pub mod link;
