@@ -108,11 +108,22 @@ pub fn assess(
 ) -> Report {
     let checker = Checker { setup, obstacles: Obstacles::new(model) };
     let waypoints = program(paths);
-    let checks = checker.checks(&waypoints, true);
+    let checks = checker.checks(&waypoints, Depth::Full);
     let problems = checker.problems(&waypoints, &checks);
     let suggestions = suggestion::tried(&checker, paths, program, &problems);
     let robot = setup.robot.as_ref().map(|robot| robot.arm.name.clone());
     Report { robot, checks, problems, suggestions }
+}
+
+/// How much is computed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Depth {
+    /// Everything.
+    Full,
+    /// Without the dexterity.
+    Fatal,
+    /// Without dexterity and clearance.
+    Joints,
 }
 
 /// The setup with the scan sorted for it.
@@ -122,17 +133,24 @@ struct Checker<'a> {
 }
 
 impl Checker<'_> {
-    /// One check per waypoint; `fully` computes the dexterity too.
-    fn checks(&self, waypoints: &[Waypoint], fully: bool) -> Vec<Check> {
+    /// One check per waypoint, of everything that `depth` asks for.
+    fn checks(&self, waypoints: &[Waypoint], depth: Depth) -> Vec<Check> {
         let stations = moves::stations(waypoints);
-        let clearances: Vec<Option<f64>> = stations.par_iter().map(|station| self.clearance_mm(station)).collect();
         let mut checks = vec![Check::default(); waypoints.len()];
-        for (station, clearance_mm) in stations.iter().zip(clearances) {
-            let check = &mut checks[station.waypoint];
-            check.clearance_mm = [check.clearance_mm, clearance_mm].into_iter().flatten().reduce(f64::min);
+        if depth != Depth::Joints {
+            let clearances: Vec<Option<f64>> =
+                stations.par_iter().map(|station| self.clearance_mm(station)).collect();
+            for (station, clearance_mm) in stations.iter().zip(clearances) {
+                let check = &mut checks[station.waypoint];
+                check.clearance_mm =
+                    [check.clearance_mm, clearance_mm].into_iter().flatten().reduce(f64::min);
+            }
         }
+        let fully = depth == Depth::Full;
         if let Some(robot) = &self.setup.robot {
-            for (check, joints) in checks.iter_mut().zip(robot.joint_checks(&stations, waypoints.len(), fully)) {
+            for (check, joints) in
+                checks.iter_mut().zip(robot.joint_checks(&stations, waypoints.len(), fully))
+            {
                 check.joints = joints;
             }
         }
@@ -184,7 +202,14 @@ impl Robot {
         merged.into_iter().map(Option::flatten).collect()
     }
 
-    fn joint_check(&self, joints: Joints, before: Option<Joints>, time_s: f64, step_rad: f64, fully: bool) -> JointCheck {
+    fn joint_check(
+        &self,
+        joints: Joints,
+        before: Option<Joints>,
+        time_s: f64,
+        step_rad: f64,
+        fully: bool,
+    ) -> JointCheck {
         let limits = &self.arm.limits;
         let margin_rad = (0..6).map(|j| limits.margin_rad(j, joints[j])).fold(f64::INFINITY, f64::min);
         let share = |before: Joints| {

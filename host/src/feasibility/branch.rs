@@ -70,7 +70,8 @@ fn cheapest(before: &[Node], joints_rad: &Joints, adjoins: bool) -> (f64, Option
 
 fn motion(from: &Joints, to: &Joints) -> f64 {
     let steps = (0..6).map(|j| shortest(to[j] - from[j]));
-    let (sum, largest) = steps.fold((0.0, 0f64), |(sum, most), step| (sum + step * step, most.max(step.abs())));
+    let (sum, largest) =
+        steps.fold((0.0, 0f64), |(sum, most), step| (sum + step * step, most.max(step.abs())));
     sum + if largest > JUMP_RAD { FAULT } else { 0.0 }
 }
 
@@ -178,7 +179,8 @@ mod tests {
     #[test]
     fn a_pose_out_of_reach_is_a_gap_and_the_others_keep_their_joints() {
         let arm = by_name("ur5e").unwrap();
-        let (_, mut poses) = line(&arm, &[0.2, -1.4, 1.6, -0.5, 1.1, 0.3], &[0.3, -1.4, 1.6, -0.5, 1.1, 0.3], 4);
+        let (_, mut poses) =
+            line(&arm, &[0.2, -1.4, 1.6, -0.5, 1.1, 0.3], &[0.3, -1.4, 1.6, -0.5, 1.1, 0.3], 4);
         poses[2].translation.vector.x += 5000.0;
         let way = follow(&arm, &poses);
         let reached: Vec<bool> = way.joints_rad.iter().map(Option::is_some).collect();

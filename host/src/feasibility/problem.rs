@@ -57,7 +57,7 @@ pub struct Problem {
     pub worst: f64,
 }
 
-/// Below this [`super::arm::Arm::dexterity`] joints turn more than about 50 times as fast as elsewhere.
+/// Below this [`super::arm::Arm::dexterity`] an arm counts as near a singularity: a wrist bent by less than about 5 degrees.
 const SINGULAR: f64 = 0.012;
 /// Runs of one kind with at most this many good waypoints between them are one run.
 const MERGED: usize = 5;
@@ -72,7 +72,8 @@ pub(super) fn found(waypoints: &[Waypoint], checks: &[Check], setup: &Setup) -> 
             match problems.iter_mut().rev().find(same) {
                 Some(known) => {
                     known.last = i;
-                    known.worst = if kind.more_is_worse() { known.worst.max(worst) } else { known.worst.min(worst) };
+                    known.worst =
+                        if kind.more_is_worse() { known.worst.max(worst) } else { known.worst.min(worst) };
                 }
                 None => problems.push(Problem { kind, seam: owners[i], first: i, last: i, worst }),
             }
@@ -90,6 +91,14 @@ fn owners(waypoints: &[Waypoint]) -> Vec<Option<usize>> {
         *owner = next;
     }
     owners
+}
+
+/// The waypoints of one seam, with the air moves that lead to it.
+pub(super) fn block(waypoints: &[Waypoint], seam: usize) -> std::ops::Range<usize> {
+    let owners = owners(waypoints);
+    let first = owners.iter().position(|owner| *owner == Some(seam)).unwrap_or(0);
+    let last = owners.iter().rposition(|owner| *owner == Some(seam));
+    first..last.map_or(first, |last| last + 1)
 }
 
 fn faults(waypoint: &Waypoint, check: &Check, setup: &Setup) -> Vec<(Kind, f64)> {
@@ -136,8 +145,8 @@ impl Problem {
         let worst = self.worst;
         let what = match self.kind {
             Kind::OutOfReach => format!(
-                "{arm} does not reach the torch there (the tip is up to {worst:.0} mm from the robot's base): move the part or \
-                 the robot, or check [robot] and [tool] in the job file"
+                "no posture of {arm} brings the torch there, too far or too near (the tip is up to {worst:.0} mm from the \
+                 robot's base): move the part or the robot, or check [robot] and [tool] in the job file"
             ),
             Kind::Limit => format!(
                 "a joint of {arm} would leave its range by {:.0} degrees: turn the torch about its axis, or move the part",
@@ -154,14 +163,16 @@ impl Problem {
             ),
             Kind::Collision => format!(
                 "the torch is up to {:.1} mm inside what was scanned: change the work angle, use a smaller nozzle or a \
-                 longer stick-out, or check [torch] in the job file",
+                 longer stick-out, or check [torch_body] in the job file",
                 -worst
             ),
             Kind::Singular => format!(
                 "{arm} is near a singularity (dexterity {worst:.3}): the joints turn fast and the tip may deviate; turn the \
                  torch about its axis"
             ),
-            Kind::Close => format!("the torch comes as near as {worst:.1} mm to what was scanned: watch it in a dry run"),
+            Kind::Close => {
+                format!("the torch comes as near as {worst:.1} mm to what was scanned: watch it in a dry run")
+            }
         };
         format!("{place}: {what}")
     }

@@ -35,10 +35,10 @@ pub struct Opw {
 }
 
 /// One such arm.
-#[derive(Clone, Copy)]
+#[derive(Clone)]
 pub struct SphericalWrist {
-    opw: Opw,
-    solver: OPWKinematics,
+    opw: Box<Opw>,
+    solver: Box<OPWKinematics>,
 }
 
 impl std::fmt::Debug for SphericalWrist {
@@ -62,7 +62,7 @@ impl SphericalWrist {
             sign_corrections: opw.signs,
             dof: 6,
         };
-        Self { opw, solver: OPWKinematics::new(parameters) }
+        Self { opw: Box::new(opw), solver: Box::new(OPWKinematics::new(parameters)) }
     }
 
     /// The flange in the robot's base frame.

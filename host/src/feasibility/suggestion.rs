@@ -5,8 +5,8 @@ use std::f64::consts::PI;
 use nalgebra::{UnitQuaternion, Vector3};
 use rayon::prelude::*;
 
-use super::Checker;
-use super::problem::{Kind, Problem};
+use super::problem::{self, Kind, Problem};
+use super::{Checker, Depth};
 use crate::toolpath::program::Waypoint;
 use crate::toolpath::{PathPoint, SeamPath};
 
@@ -38,7 +38,9 @@ impl Change {
     /// The path with the change; the tip stays on the seam.
     pub fn applied(&self, path: &SeamPath) -> SeamPath {
         match *self {
-            Self::Turn(deg) => turned(path, &UnitQuaternion::from_axis_angle(&Vector3::z_axis(), deg.to_radians())),
+            Self::Turn(deg) => {
+                turned(path, &UnitQuaternion::from_axis_angle(&Vector3::z_axis(), deg.to_radians()))
+            }
             Self::WorkAngle(deg) => {
                 turned(path, &UnitQuaternion::from_axis_angle(&Vector3::y_axis(), deg.to_radians()))
             }
@@ -52,7 +54,9 @@ impl Change {
             Self::Turn(deg) => format!("turn the torch about its axis by {deg:.0} degrees"),
             Self::Reverse => "weld it in the other direction".into(),
             Self::ReverseAndTurn(deg) => {
-                format!("weld it in the other direction and turn the torch about its axis by {deg:.0} degrees")
+                format!(
+                    "weld it in the other direction and turn the torch about its axis by {deg:.0} degrees"
+                )
             }
             Self::WorkAngle(deg) => format!("change the work angle by {deg:.0} degrees"),
         }
@@ -124,7 +128,18 @@ pub(super) fn tried(
             let mut paths = current.clone();
             paths[k] = change.applied(&paths[k]);
             let waypoints = program(&paths);
-            let left = fatal(checker.problems(&waypoints, &checker.checks(&waypoints, false)));
+            let own = problem::block(&waypoints, seam);
+            let of = |waypoints: &[Waypoint], depth| {
+                fatal(checker.problems(waypoints, &checker.checks(waypoints, depth)))
+            };
+            if !of(&waypoints[own], Depth::Fatal).is_empty() {
+                return None;
+            }
+            // The torch of the other seams is where it was; their joints may not be.
+            let mut left = of(&waypoints, Depth::Joints);
+            left.extend(
+                standing.iter().filter(|p| p.kind == Kind::Collision && p.seam != Some(seam)).cloned(),
+            );
             let solves = left.iter().all(|p| p.seam != Some(seam)) && left.len() <= others;
             solves.then_some((change, paths, left))
         });

@@ -37,7 +37,9 @@ fn seam(id: usize, at_mm: [f64; 3], turn_deg: f64) -> SeamPath {
 /// A plate 40 mm below the seams' height of 100 mm.
 fn table() -> PointCloud {
     let points_mm: Vec<Point3<f32>> = (0..200)
-        .flat_map(|i| (0..200).map(move |j| Point3::new(300.0 + 2.0 * i as f32, -200.0 + 2.0 * j as f32, 60.0)))
+        .flat_map(|i| {
+            (0..200).map(move |j| Point3::new(300.0 + 2.0 * i as f32, -200.0 + 2.0 * j as f32, 60.0))
+        })
         .collect();
     PointCloud { origin_mm: Point3::origin(), normals: vec![Vector3::z(); points_mm.len()], points_mm }
 }
@@ -48,7 +50,9 @@ fn assessed(paths: &[SeamPath], model: &PointCloud, setup: &Setup) -> Report {
 
 #[test]
 fn a_seam_amid_the_workspace_is_feasible_for_arms_of_every_kind() {
-    for (name, x) in [("ur5e", 450.0), ("ur10e", 600.0), ("kuka-kr10-r1420", 800.0), ("abb-irb1600-10-145", 800.0)] {
+    for (name, x) in
+        [("ur5e", 450.0), ("ur10e", 600.0), ("kuka-kr10-r1420", 800.0), ("abb-irb1600-10-145", 800.0)]
+    {
         let report = assessed(&[seam(1, [x, 0.0, 100.0], 0.0)], &PointCloud::default(), &setup(name));
         assert!(report.is_feasible(), "{name}: {:?}", report.problems);
         assert!(report.suggestions.is_empty());
@@ -59,7 +63,10 @@ fn a_seam_amid_the_workspace_is_feasible_for_arms_of_every_kind() {
             let joints = check.joints.unwrap();
             assert!(joints.margin_rad > 0.0 && joints.speed_share < 1.0);
             let tip = robot.arm.forward(&joints.joints_rad) * robot.flange_from_tcp * Point3::origin();
-            assert!((tip - waypoint.position_mm).norm() < 1e-3, "{name}: the joints bring the tip to the waypoint");
+            assert!(
+                (tip - waypoint.position_mm).norm() < 1e-3,
+                "{name}: the joints bring the tip to the waypoint"
+            );
         }
     }
 }
@@ -91,7 +98,8 @@ fn a_turn_about_the_torch_axis_is_suggested_where_the_last_joint_has_no_range_le
     let mut setup = setup("ur5e");
     let model = PointCloud::default();
     let free = assessed(&[seam(1, [450.0, 0.0, 100.0], 0.0)], &model, &setup);
-    let used: Vec<f64> = free.checks.iter().map(|check| check.joints.unwrap().joints_rad[5].to_degrees()).collect();
+    let used: Vec<f64> =
+        free.checks.iter().map(|check| check.joints.unwrap().joints_rad[5].to_degrees()).collect();
     let (low, high) = used.iter().fold((f64::MAX, f64::MIN), |(l, h), &q| (l.min(q), h.max(q)));
     // The range ends a little before the way begins, on one side; on the other it goes on.
     let robot = setup.robot.as_mut().unwrap();
@@ -109,7 +117,11 @@ fn a_turn_about_the_torch_axis_is_suggested_where_the_last_joint_has_no_range_le
     assert!(suggestion.solves_all && suggestion.seam == 1);
     let changed = suggestion.change.applied(&seam(1, [450.0, 0.0, 100.0], 0.0));
     assert!(assessed(&[changed], &model, &setup).is_feasible(), "{suggestion:?} must do what it says");
-    assert!(report.warnings().iter().any(|w| w.contains("tried: the whole program")), "{:?}", report.warnings());
+    assert!(
+        report.warnings().iter().any(|w| w.contains("tried: the whole program")),
+        "{:?}",
+        report.warnings()
+    );
 }
 
 #[test]
@@ -118,7 +130,11 @@ fn a_torch_pressed_into_the_table_collides_and_held_above_it_does_not() {
     let above = assessed(&[seam(1, [450.0, 0.0, 100.0], 0.0)], &model, &setup);
     assert!(above.is_feasible(), "{:?}", above.problems);
     let below = assessed(&[seam(1, [450.0, 0.0, 20.0], 0.0)], &model, &setup);
-    assert!(below.problems.iter().any(|p| p.kind == Kind::Collision && p.seam == Some(1)), "{:?}", below.problems);
+    assert!(
+        below.problems.iter().any(|p| p.kind == Kind::Collision && p.seam == Some(1)),
+        "{:?}",
+        below.problems
+    );
     let free = Setup { robot: None, ..setup };
     let torch_only = assessed(&[seam(1, [450.0, 0.0, 20.0], 0.0)], &model, &free);
     assert!(!torch_only.is_feasible() && torch_only.checks.iter().all(|check| check.joints.is_none()));
@@ -128,9 +144,12 @@ fn a_torch_pressed_into_the_table_collides_and_held_above_it_does_not() {
 fn another_work_angle_is_suggested_beside_a_wall() {
     // A wall 8 mm beside the seam: the nozzle of 10 mm radius meets it, leaning away it does not.
     let points_mm: Vec<Point3<f32>> = (0..150)
-        .flat_map(|j| (0..30).map(move |k| Point3::new(458.0, -150.0 + 2.0 * j as f32, 100.0 + 2.0 * k as f32)))
+        .flat_map(|j| {
+            (0..30).map(move |k| Point3::new(458.0, -150.0 + 2.0 * j as f32, 100.0 + 2.0 * k as f32))
+        })
         .collect();
-    let model = PointCloud { origin_mm: Point3::origin(), normals: vec![Vector3::z(); points_mm.len()], points_mm };
+    let model =
+        PointCloud { origin_mm: Point3::origin(), normals: vec![Vector3::z(); points_mm.len()], points_mm };
     let report = assessed(&[seam(1, [450.0, 0.0, 100.0], 0.0)], &model, &setup("ur5e"));
     assert!(report.problems.iter().any(|p| p.kind == Kind::Collision));
     let [suggestion] = report.suggestions.as_slice() else { panic!("{:?}", report) };

@@ -43,7 +43,7 @@ impl Default for Torch {
 }
 
 /// Nothing farther than this is looked at, mm.
-pub const SIGHT_MM: f64 = 30.0;
+pub const SIGHT_MM: f64 = 15.0;
 /// Long sections are searched in pieces of at most this, mm.
 const PIECE_MM: f64 = 30.0;
 /// The clearance is that of the third nearest point: one or two flying pixels are no wall.
@@ -83,7 +83,8 @@ impl Section {
         let along = offset.dot(&self.along);
         let radial = (offset - self.along * along).norm();
         let [near, far] = self.radii_mm;
-        let (slope, radius) = ((far - near) / self.length_mm, |at: f64| near + (far - near) * at / self.length_mm);
+        let (slope, radius) =
+            ((far - near) / self.length_mm, |at: f64| near + (far - near) * at / self.length_mm);
         match along {
             below if below < 0.0 => below.hypot((radial - near).max(0.0)),
             above if above > self.length_mm => (above - self.length_mm).hypot((radial - far).max(0.0)),
@@ -175,7 +176,8 @@ mod tests {
     fn in_an_acute_corner_the_same_nozzle_is_inside_the_faces() {
         let found = clearance(25.0, &Torch::default(), UnitQuaternion::identity()).unwrap();
         assert!(found < -2.0, "{found}");
-        let long = Torch { stickout_mm: 40.0, nozzle_radius_mm: 6.0, body_radius_mm: 6.0, ..Torch::default() };
+        let long =
+            Torch { stickout_mm: 40.0, nozzle_radius_mm: 6.0, body_radius_mm: 6.0, ..Torch::default() };
         assert!(clearance(25.0, &long, UnitQuaternion::identity()).unwrap() > 5.0);
     }
 
@@ -185,18 +187,29 @@ mod tests {
         let found = Obstacles::new(&flat)
             .clearance_mm(&Torch::default(), &Point3::origin(), &UnitQuaternion::identity())
             .unwrap();
-        assert!((found - 15.0).abs() < 1e-6, "over a flat face the nozzle is as high as the wire is long: {found}");
+        assert!(
+            (found - 15.0).abs() < 1e-6,
+            "over a flat face the nozzle is as high as the wire is long: {found}"
+        );
         let none = Obstacles::new(&PointCloud::default());
-        assert_eq!(none.clearance_mm(&Torch::default(), &Point3::origin(), &UnitQuaternion::identity()), None);
+        assert_eq!(
+            none.clearance_mm(&Torch::default(), &Point3::origin(), &UnitQuaternion::identity()),
+            None
+        );
     }
 
     #[test]
     fn a_bent_neck_reaches_the_wall_behind_and_turned_about_its_axis_it_does_not() {
         let bent = Torch { neck_deg: 60.0, ..Torch::default() };
         let wall = |y: f64| {
-            let points_mm: Vec<Point3<f32>> =
-                (0..60).flat_map(|x| (0..300).map(move |z| Point3::new(x as f32 - 30.0, y as f32, z as f32))).collect();
-            PointCloud { origin_mm: Point3::origin(), normals: vec![Vector3::z(); points_mm.len()], points_mm }
+            let points_mm: Vec<Point3<f32>> = (0..60)
+                .flat_map(|x| (0..300).map(move |z| Point3::new(x as f32 - 30.0, y as f32, z as f32)))
+                .collect();
+            PointCloud {
+                origin_mm: Point3::origin(),
+                normals: vec![Vector3::z(); points_mm.len()],
+                points_mm,
+            }
         };
         let behind = Obstacles::new(&wall(-80.0));
         let turned = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), std::f64::consts::PI);
@@ -208,9 +221,14 @@ mod tests {
     #[test]
     fn two_stray_points_are_no_wall_and_a_third_is() {
         let stray = |n: usize| {
-            let points_mm: Vec<Point3<f32>> = (0..n).map(|i| Point3::new(0.0, 0.0, 40.0 + i as f32)).collect();
+            let points_mm: Vec<Point3<f32>> =
+                (0..n).map(|i| Point3::new(0.0, 0.0, 40.0 + i as f32)).collect();
             let model = PointCloud { origin_mm: Point3::origin(), normals: vec![Vector3::z(); n], points_mm };
-            Obstacles::new(&model).clearance_mm(&Torch::default(), &Point3::origin(), &UnitQuaternion::identity())
+            Obstacles::new(&model).clearance_mm(
+                &Torch::default(),
+                &Point3::origin(),
+                &UnitQuaternion::identity(),
+            )
         };
         assert_eq!(stray(2), None);
         assert!(stray(3).unwrap() < -9.0);
