@@ -9,7 +9,7 @@ mod viewpoint;
 
 use std::sync::OnceLock;
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Point3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 
 use crate::cloud::Merged;
@@ -127,26 +127,22 @@ impl Scan<'_> {
 
     /// Where a seam ends, but one face goes on and nobody saw whether the other does.
     fn open_ends(&self, seam: &Seam, face: usize, length_mm: f64) -> Vec<Gap> {
-        let (Some(first), Some(last)) = (seam.stations.first(), seam.stations.last()) else {
-            return Vec::new();
-        };
-        let ends = [(first, -1.0), (last, 1.0)];
-        let beyond = |(end, sense): (&Station, f64)| {
-            let open_mm = self.open_mm(end, face, sense);
-            let middle = moved(end, 0.5 * sense * open_mm);
-            let span_mm = if sense < 0.0 { [-open_mm, 0.0] } else { [length_mm, length_mm + open_mm] };
+        let beyond = |end: Ending| {
+            let open_mm = self.open_mm(&end, face);
+            let middle = end.beyond(0.5 * open_mm);
+            let span_mm = if end.sense < 0.0 { [-open_mm, 0.0] } else { [length_mm, length_mm + open_mm] };
             (open_mm >= SHORTEST_MM).then(|| self.gap(seam.id, Fault::OpenEnd, span_mm, &middle, face))
         };
-        ends.into_iter().filter_map(beyond).collect()
+        Ending::both(seam).into_iter().flatten().filter_map(beyond).collect()
     }
 
     /// How far beyond an end the other face goes on while this one is neither seen nor seen through, mm.
-    fn open_mm(&self, end: &Station, face: usize, sense: f64) -> f64 {
+    fn open_mm(&self, end: &Ending, face: usize) -> f64 {
         let mut open_mm = 0.0;
         // The bin at the end itself still has points of the end.
         let mut at_mm = 1.5 * BIN_MM;
         while at_mm <= BEYOND_MM {
-            let here = moved(end, sense * at_mm);
+            let here = end.beyond(at_mm);
             let goes_on = self.seen(&here, face) == Seen::Not && self.seen(&here, 1 - face) != Seen::Not;
             if !goes_on || self.seen_through(&here, face) {
                 break;
@@ -201,9 +197,40 @@ fn away(station: &Station, face: usize) -> Vector3<f64> {
     if across.dot(&station.faces[1 - face]) >= 0.0 { across } else { -across }
 }
 
-/// The station pushed along its tangent.
-fn moved(station: &Station, by_mm: f64) -> Station {
-    Station { position_mm: station.position_mm + station.tangent * by_mm, ..*station }
+/// An end of a seam, and how the seam bends there.
+struct Ending {
+    station: Station,
+    /// 1 at the last station, -1 at the first.
+    sense: f64,
+    /// Rotation vector per mm beyond the end.
+    bend: Vector3<f64>,
+}
+
+/// The bend is that of so much of the seam, mm.
+const BEND_MM: f64 = 25.0;
+
+impl Ending {
+    fn both(seam: &Seam) -> [Option<Self>; 2] {
+        let stations = || seam.stations.iter();
+        [Self::of(stations(), -1.0), Self::of(stations().rev(), 1.0)]
+    }
+
+    /// From the end inward.
+    fn of<'a>(mut inward: impl Iterator<Item = &'a Station>, sense: f64) -> Option<Self> {
+        let end = *inward.next()?;
+        let away_mm = |station: &Station| (station.position_mm - end.position_mm).norm();
+        let inner = inward.find(|station| away_mm(station) >= BEND_MM)?;
+        let turn = UnitQuaternion::rotation_between(&inner.tangent, &end.tangent)?;
+        Some(Self { station: end, sense, bend: turn.scaled_axis() / away_mm(inner) })
+    }
+
+    /// Where the seam would be so far beyond the end, bent on as it was.
+    fn beyond(&self, by_mm: f64) -> Station {
+        let turn = |share: f64| UnitQuaternion::from_scaled_axis(self.bend * (share * by_mm));
+        let Station { position_mm, tangent, faces } = self.station;
+        let position_mm = position_mm + turn(0.5) * tangent * (self.sense * by_mm);
+        Station { position_mm, tangent: turn(1.0) * tangent, faces: faces.map(|n| turn(1.0) * n) }
+    }
 }
 
 /// Distance along the seam of each station, mm.
@@ -255,5 +282,96 @@ impl Gap {
             "{what}; add a view with the camera near ({:.0}, {:.0}, {:.0}) mm, looking along ({:.2}, {:.2}, {:.2})",
             at.x, at.y, at.z, look.x, look.y, look.z
         )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::seam::Joint;
+
+    /// A base plate (z = 0) and a web (y = 0) along x from -100 to 100 mm, 1 mm apart, as one camera sees them; `keep`
+    /// says which points it measured. `behind` adds what it sees of a wall 80 mm behind the web where the web is missing.
+    fn merged(keep: impl Fn(&Point3<f32>) -> bool, behind: bool) -> Merged {
+        let grid = |place: fn(f32, f32) -> Point3<f32>| {
+            (-100..=100).flat_map(move |i| (0..60).map(move |j| place(i as f32, j as f32)))
+        };
+        let mut points_mm: Vec<Point3<f32>> = grid(|x, y| Point3::new(x, y + 0.5, 0.0)).collect();
+        points_mm.extend(grid(|x, z| Point3::new(x, 0.0, z + 0.5)));
+        points_mm.retain(keep);
+        if behind {
+            points_mm.extend(
+                (0..200).flat_map(|i| (0..140).map(move |j| Point3::new(i as f32, -80.0, j as f32 - 100.0))),
+            );
+        }
+        let view = vec![0; points_mm.len()];
+        Merged { points_mm, view, cameras_mm: vec![Point3::new(0.0, 250.0, 250.0)], ..Merged::default() }
+    }
+
+    fn seam(to_mm: i32) -> Seam {
+        let station = |x: i32| Station {
+            position_mm: Point3::new(f64::from(x), 0.0, 0.0),
+            tangent: Vector3::x(),
+            faces: [Vector3::z(), Vector3::y()],
+        };
+        Seam {
+            id: 1,
+            joint: Joint::Fillet,
+            reason: String::new(),
+            stations: (-100..=to_mm).step_by(2).map(station).collect(),
+            closed: false,
+            confidence: 1.0,
+            expected_error_mm: 0.1,
+            expected_error_deg: 0.1,
+            warnings: vec![],
+        }
+    }
+
+    #[test]
+    fn a_corner_that_was_seen_all_along_has_no_gap() {
+        assert_eq!(gaps(&[seam(100)], &merged(|_| true, false), true), []);
+        let dark = merged(|p| p.y > 0.0, false);
+        assert_eq!(
+            gaps(&[seam(100)], &dark, false),
+            [],
+            "nothing is said if nobody knows where the cameras stood"
+        );
+    }
+
+    #[test]
+    fn a_stretch_of_a_face_without_points_is_named_to_within_a_bin() {
+        let holed = merged(|p| p.y > 0.0 || !(-20.0..40.0).contains(&p.x), false);
+        let found = gaps(&[seam(100)], &holed, true);
+        let [gap] = found.as_slice() else { panic!("{found:?}") };
+        assert_eq!((gap.fault, gap.face), (Fault::Unseen, Vector3::y()));
+        assert!((gap.from_mm - 80.0).abs() <= BIN_MM && (gap.to_mm - 140.0).abs() <= BIN_MM, "{gap:?}");
+        assert!(
+            gap.view.direction.y < -0.5 && gap.view.direction.z < -0.2,
+            "it looks onto both faces: {gap:?}"
+        );
+        assert!(gap.words().starts_with("seam 1, from ") && gap.words().contains("camera near"));
+    }
+
+    #[test]
+    fn an_end_is_open_only_if_nobody_saw_through_where_the_face_would_be() {
+        let short = |p: &Point3<f32>| p.y > 0.0 || p.x < 40.0;
+        let open = gaps(&[seam(40)], &merged(short, false), true);
+        let [gap] = open.as_slice() else { panic!("{open:?}") };
+        assert_eq!(gap.fault, Fault::OpenEnd);
+        assert!((gap.from_mm - 140.0).abs() < 1e-9 && gap.to_mm > 180.0, "{gap:?}");
+        assert_eq!(
+            gaps(&[seam(40)], &merged(short, true), true),
+            [],
+            "the web ends there: the wall behind was seen"
+        );
+    }
+
+    #[test]
+    fn a_face_seen_along_itself_is_grazing() {
+        let mut low = merged(|_| true, false);
+        low.cameras_mm = vec![Point3::new(0.0, 400.0, 40.0)];
+        let found = gaps(&[seam(100)], &low, true);
+        assert!(found.iter().all(|gap| gap.fault == Fault::Grazing && gap.face == Vector3::z()), "{found:?}");
+        assert_eq!(found.len(), 1);
     }
 }

@@ -5,6 +5,7 @@
 #![forbid(unsafe_code)]
 
 pub mod cloud;
+pub mod comparison;
 pub mod coverage;
 pub mod denoising;
 pub mod downsampling;

@@ -59,6 +59,27 @@ const HOST: &[(&str, &[&str])] = &[
     ("link", &["serial", "toolpath"]),
     ("emulator", &["serial"]),
     ("teleop", &["link", "simulation"]),
+    (
+        "comparison",
+        &[
+            "cloud",
+            "scan",
+            "normals",
+            "reconstruction",
+            "denoising",
+            "downsampling",
+            "seam",
+            "toolpath",
+            "pipeline",
+            "export",
+            "job",
+            "selection",
+            "postprocessing",
+            "evaluation",
+            "simulation",
+            "teleop",
+        ],
+    ),
 ];
 
 /// Names that say nothing about what is in a module.

@@ -21,6 +21,8 @@ const VIEWS: usize = 8;
 const FITS_MM: f64 = 5.0;
 /// So many times better another way must be.
 const CLEARLY: f64 = 2.5;
+/// So many times better, and the given way round is refused: the path would be somewhere else.
+pub(super) const REFUSED: f64 = 5.0;
 /// Share of a view's points that must lie on the other view, for views that overlap by half.
 const QUANTILE: f64 = 0.35;
 

@@ -340,9 +340,6 @@ impl Job<'_> {
     }
 }
 
-/// So many times better, and the given way round is refused: the path would be somewhere else.
-const REFUSED: f64 = 5.0;
-
 /// Refuses, or warns of, a hand-eye transform or poses that fit much better the other way round.
 fn check_direction(
     manifest: &Manifest,
@@ -374,7 +371,7 @@ fn check_direction(
         found.given_mm,
         names(1)
     );
-    if found.times() >= REFUSED {
+    if found.times() >= direction::REFUSED {
         return Err(Error::malformed(path, names(0), problem, format!("Rename the key to {}", names(1))));
     }
     scan.warnings.push(problem);
