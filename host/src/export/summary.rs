@@ -25,7 +25,6 @@ pub struct Summary {
     seams: Vec<SeamSummary>,
     coverage: Vec<Stretch>,
     stages: Vec<Stage>,
-    #[serde(skip_serializing_if = "Option::is_none")]
     feasibility: Option<feasibility::Section>,
     warnings: Vec<String>,
 }
