@@ -5,7 +5,7 @@ use std::path::Path;
 use weldpath::scan::{Options, Scan, read};
 use weldpath::simulation::{Part, Pose, Request, simulate, write};
 
-use nalgebra::{Isometry3, Matrix4, Vector3};
+use nalgebra::{Isometry3, Matrix3, UnitQuaternion, Vector3};
 
 /// A simulated scan whose scan.json went through `change`.
 fn changed(part: Part, pose: Pose, change: impl Fn(&mut Value)) -> Result<Scan, String> {
@@ -21,7 +21,8 @@ fn changed(part: Part, pose: Pose, change: impl Fn(&mut Value)) -> Result<Scan, 
 
 fn matrix(value: &Value) -> Isometry3<f64> {
     let at = |r: usize, c: usize| value[r][c].as_f64().unwrap();
-    nalgebra::try_convert(Matrix4::from_fn(at)).unwrap()
+    let shift = Vector3::new(at(0, 3), at(1, 3), at(2, 3));
+    Isometry3::from_parts(shift.into(), UnitQuaternion::from_matrix(&Matrix3::from_fn(at)))
 }
 
 fn inverted_matrix(value: &Value) -> Value {
