@@ -8,6 +8,8 @@ use crate::cloud::Merged;
 
 /// Edge of a cell of directions, as a tangent: 2.4 mm at 300 mm.
 const CELL: f32 = 0.008;
+/// Readings that are kept at least: several to a cell of a depth image.
+const READINGS: usize = 300_000;
 /// What is so much nearer or farther is something else, mm.
 const APART_MM: f32 = 5.0;
 
@@ -41,7 +43,8 @@ impl Sights {
         }
         let cameras = merged.cameras_mm.iter().zip(&sums).map(|(at_mm, (sum, _))| Camera::new(*at_mm, sum));
         let mut sights = Self(cameras.collect());
-        for (p, &view) in merged.points_mm.iter().zip(&merged.view) {
+        let step = (merged.points_mm.len() / READINGS).max(1);
+        for (p, &view) in merged.points_mm.iter().zip(&merged.view).step_by(step) {
             sights.0[usize::from(view)].add(p);
         }
         sights

@@ -79,6 +79,8 @@ pub(super) fn found(waypoints: &[Waypoint], checks: &[Check], setup: &Setup) -> 
             }
         }
     }
+    let collisions: Vec<Problem> = problems.iter().filter(|p| p.kind == Kind::Collision).cloned().collect();
+    problems.retain(|p| p.kind != Kind::Close || !collisions.iter().any(|collision| p.adjoins(collision)));
     problems
 }
 
@@ -135,6 +137,11 @@ impl Kind {
 }
 
 impl Problem {
+    /// Whether two runs overlap or nearly touch.
+    fn adjoins(&self, other: &Self) -> bool {
+        self.first <= other.last + 1 + MERGED && other.first <= self.last + 1 + MERGED
+    }
+
     /// A sentence that names seam, waypoints and what to do.
     pub fn words(&self, arm: &str) -> String {
         let place = match (self.seam, self.first == self.last) {
