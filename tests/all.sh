@@ -37,6 +37,9 @@ cargo fmt --all --check
 say "lints, host"
 cargo clippy --workspace --all-targets --quiet -- -D warnings
 
+say "lints and readers with every feature"
+cargo clippy -p weldpath --all-targets --features e57,las --quiet -- -D warnings
+
 say "documentation"
 RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --quiet
 
@@ -51,3 +54,6 @@ MUTANTS_TARGET_DIR="$PWD/target/mutants" tests/mutants.sh --check
 
 say "tests: units, properties, fixtures, link, firmware in QEMU"
 WELDPATH_REQUIRE_QEMU=1 cargo test --workspace
+
+say "tests: E57 and LAS"
+cargo test -p weldpath --features e57,las --lib scan::

@@ -4,7 +4,7 @@ use crate::cloud::{Merged, PointCloud, View};
 pub use crate::reconstruction::ViewReport;
 use crate::seam::Seam;
 use crate::toolpath::SeamPath;
-use crate::{denoising, downsampling, normals, orientation, reconstruction, seam};
+use crate::{coverage, denoising, downsampling, normals, orientation, reconstruction, seam};
 use std::time::Instant;
 
 /// How seams are found.
@@ -44,6 +44,8 @@ pub struct Plan {
     pub seams: Vec<Seam>,
     /// One path per seam, in the same order.
     pub paths: Vec<SeamPath>,
+    /// Stretches of the seams that should be scanned again.
+    pub coverage: Vec<coverage::Gap>,
     /// One per view; empty for a single cloud.
     pub views: Vec<ViewReport>,
     /// Parameters that were derived from the data: name, value, unit, how.
@@ -149,11 +151,15 @@ pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Re
     };
     observer.stage("toolpath");
     let paths = clock.time("toolpath", || found.seams.iter().map(SeamPath::along).collect());
+    let cameras_known = views.iter().all(|v| v.camera_known);
+    let coverage = clock.time("coverage", || coverage::gaps(&found.seams, &merged, cameras_known));
     let reports = if views.len() > 1 { registration.report(views) } else { Vec::new() };
     let mut warnings = registration.warnings(views, &patches);
     warnings.extend(found.warnings);
+    warnings.extend(coverage.iter().map(coverage::Gap::words));
     let derived = derived(&scale, found.gate);
-    Ok(Plan { model, seams: found.seams, paths, views: reports, derived, stage_s: clock.stages, warnings })
+    let (seams, stage_s) = (found.seams, clock.stages);
+    Ok(Plan { model, seams, paths, coverage, views: reports, derived, stage_s, warnings })
 }
 
 /// The voxels that are tried until they show a seam: blurred or quantised clouds show theirs only in larger ones.
