@@ -62,6 +62,8 @@ pub(super) fn curves(piece: &Piece, plan: &Plan) -> Curves {
             registration: None,
             names,
             whole_views: true,
+            cameras_known: true,
+            last_scale: false,
         };
         let tensors = paper::tensors(&input);
         let near: Vec<usize> = (0..model.len()).filter(|&k| is_near(&model.in_base_mm(k), &truth)).collect();
