@@ -56,6 +56,12 @@ const ACUTE_DEG: f32 = 75.0;
 /// Share of the farthest reach below which a face counts as narrow.
 pub const NARROW: f32 = 0.93;
 
+/// Height off the tangent plane up to which a face's curvature is looked for, voxels; the least that counts, as the
+/// coefficient of `u²`, 1/mm; and over how much of the window it is averaged along the seam.
+const WIDE_GATE: f32 = 2.5;
+const CURVED: f64 = 1e-3;
+const BEND_WIDTH: f64 = 0.9;
+
 /// Where the air between the faces is looked at for walls that end a seam: height off both faces and distance from the
 /// seam, voxels; and the share of the usual number of points of a face that makes a wall.
 const WALL_FROM: f32 = 2.5;
@@ -281,21 +287,34 @@ impl Section {
         for face in 0..2 {
             let mine = |p: &&Beside| {
                 usize::from(p.face) == face
-                    && p.h.abs() < gate_mm
+                    && p.h.abs() < gate_mm.max(WIDE_GATE * voxel_mm)
                     && p.u > root_mm
                     && p.u < most_mm
                     && p.incidence_cos > 0.1
             };
-            let mut points: Vec<Beside> = all.iter().filter(mine).copied().collect();
-            section.reach_mm[face] = face::reach(&points, &scale);
-            points.retain(|p| p.u < section.reach_mm[face]);
-            points.sort_unstable_by(|a, b| a.s.total_cmp(&b.s));
-            section.points[face] = points;
+            let mut wide: Vec<Beside> = all.iter().filter(mine).copied().collect();
+            let flat: Vec<Beside> = wide.iter().filter(|p| p.h.abs() < gate_mm).copied().collect();
+            let reach_mm = face::reach(&flat, &scale);
+            section.reach_mm[face] = reach_mm;
+            wide.retain(|p| p.u < reach_mm);
+            wide.sort_unstable_by(|a, b| a.s.total_cmp(&b.s));
+            section.points[face] = wide;
             // Bevels are flat across, and too narrow to tell curvature from the rounding of their lips.
-            let bevel = opening_deg < ACUTE_DEG && section.reach_mm[face] < NARROW * most_mm;
-            section.bend[face] = if bevel { vec![0.0; path.frames.len()] } else { section.bends(path, face) };
+            let bevel = opening_deg < ACUTE_DEG && reach_mm < NARROW * most_mm;
+            let mut bend = vec![0.0; path.frames.len()];
+            if !bevel {
+                bend = section.bends(path, face);
+            }
+            let curved = bend.iter().any(|b| b.abs() > CURVED);
+            // A gate about the tangent plane would cut the far points of a curved face, and flatten it.
+            let last = bend.len() - 1;
+            section.points[face].retain(|p| {
+                let station = ((p.s / path.step_mm).round().max(0.0) as usize).min(last);
+                (p.h - bend[station] as f32 * p.u * p.u).abs() < gate_mm
+            });
+            section.bend[face] = if curved { section.bends(path, face) } else { bend };
         }
-        if section.bend.iter().flatten().any(|b| b.abs() > 1e-3) {
+        if section.bend.iter().flatten().any(|b| b.abs() > CURVED) {
             let limit = config.curved_reach * voxel_mm;
             section.points.iter_mut().for_each(|points| points.retain(|p| p.u < limit));
         }
@@ -370,7 +389,7 @@ impl Section {
         if raw.iter().flatten().count() < 5 {
             return vec![0.0; n];
         }
-        let width = 2.0 * f64::from(self.half_mm);
+        let width = BEND_WIDTH * f64::from(self.half_mm);
         let smooth: Vec<f64> = (0..n)
             .map(|k| {
                 let (mut sum, mut weights) = (0.0, 0.0);
@@ -390,7 +409,7 @@ impl Section {
             .collect();
         let mut misses: Vec<f64> =
             raw.iter().zip(&smooth).filter_map(|(r, s)| Some((r.as_ref()? - s).abs())).collect();
-        let deviation = 1.4826 * median(&mut misses) / 2.5f64.sqrt() + 2e-4;
+        let deviation = 1.4826 * median(&mut misses) + 2.5e-4;
         let keep = |b: f64| b * (1.0 - (2.5 * deviation / b.abs().max(1e-12)).powi(2)).max(0.0);
         smooth.into_iter().map(keep).collect()
     }
