@@ -9,13 +9,14 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
+use crate::export::robot::{self, Robot};
 use crate::export::urscript;
 use crate::pipeline;
 use crate::toolpath::program::Motion;
 use crate::toolpath::resampling::Sampling;
 use quantity::{
-    AirFeedMmS, ApproachMm, ClearanceMm, FeedMmS, Input, Output, PayloadKg, Points, RatioThreshold,
-    SpacingMm, StandoffMm, TimeS,
+    AirFeedMmS, ApproachMm, ClearanceMm, FeedMmS, Input, Output, PayloadKg, Points, ProgramName,
+    RatioThreshold, SpacingMm, StandoffMm, TimeS,
 };
 
 /// Spacing of the waypoints when nothing else is said, mm.
@@ -59,6 +60,8 @@ pub struct Job {
     /// Threshold `t` of eq. (16), for [`Method::Paper`].
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ratio_threshold: Option<RatioThreshold>,
+    /// Whose programs are written.
+    pub formats: Formats,
     /// Which of the seams are welded.
     pub selection: Selection,
     /// How the torch moves.
@@ -68,6 +71,30 @@ pub struct Job {
     /// The tool; without it the robot controller's own setting holds.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tool: Option<ToolSettings>,
+    /// Names and numbers in the robot programs.
+    pub program: ProgramSettings,
+}
+
+/// Robots whose programs are written; URScript when nothing is said.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Formats(pub Vec<Robot>);
+
+impl Default for Formats {
+    fn default() -> Self {
+        Self(vec![Robot::default()])
+    }
+}
+
+/// `[program]`.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ProgramSettings {
+    /// Of programs, and of the files of dialects in which the two are one.
+    pub name: ProgramName,
+    /// Number of the tool on controllers that number them.
+    pub tool_number: quantity::ToolNumber,
+    /// Number of the weld data on controllers that keep it themselves.
+    pub weld_schedule: quantity::WeldSchedule,
 }
 
 /// `[selection]`: a seam is welded if it passes all that is given.
@@ -275,6 +302,16 @@ impl Job {
             gas_postflow_s: self.arc.gas_postflow_s.get(),
         };
         urscript::Settings { tool, arc }
+    }
+
+    /// What the robot programs need beside the path.
+    pub fn robot(&self) -> robot::Settings {
+        robot::Settings {
+            name: self.program.name.to_string(),
+            tool_number: self.program.tool_number.get(),
+            weld_schedule: self.program.weld_schedule.get(),
+            controller: self.controller(),
+        }
     }
 }
 

@@ -3,13 +3,14 @@
 use std::path::{Path, PathBuf};
 
 use weldpath::export::directory::{self, File};
+use weldpath::export::robot::Robot;
 use weldpath::export::summary::Source;
 use weldpath::job::quantity::{
     ApproachMm, FeedMmS, Output, Place, Points, RatioThreshold, Region, SpacingMm, StandoffMm,
 };
-use weldpath::job::{Job, Method, Units};
+use weldpath::job::{Formats, Job, Method, Units};
 use weldpath::pipeline::{self, Observer, Plan};
-use weldpath::postprocessing::postprocess;
+use weldpath::postprocessing::{self, postprocess};
 use weldpath::{scan, selection};
 
 use super::progress::Progress;
@@ -66,6 +67,9 @@ pub(super) struct Args {
     /// Digital output that starts the arc [default: 0]
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     arc_output: Option<Output>,
+    /// Write the program for this robot; may be given several times [default: ur]
+    #[arg(long, value_name = "ROBOT")]
+    robot: Vec<Robot>,
     /// Print nothing but errors
     #[arg(long, short)]
     quiet: bool,
@@ -87,7 +91,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         Ok(planned) => planned,
         Err(failure) => return keep_stages(&args.out, &stages).and(Err(failure)),
     };
-    let mut output = postprocess(&plan, &job, source.clone()).map_err(not_selected)?;
+    let mut output = postprocess(&plan, &job, source.clone()).map_err(not_written_out)?;
     output.files.extend(stages);
     directory::write(&args.out, &output.files).map_err(not_written)?;
     match (args.quiet, args.json) {
@@ -116,6 +120,9 @@ fn job(args: &Args) -> Result<Job, Failure> {
     job.selection.roi_mm = args.roi.or(job.selection.roi_mm);
     if !args.seam.is_empty() {
         job.selection.seams.clone_from(&args.seam);
+    }
+    if !args.robot.is_empty() {
+        job.formats = Formats(args.robot.clone());
     }
     if args.spacing_mm.is_some() || args.points.is_some() {
         (job.path.spacing_mm, job.path.points) = (args.spacing_mm, args.points);
@@ -172,6 +179,14 @@ fn keep_stages(out: &Path, stages: &[File]) -> Result<(), Failure> {
 
 fn not_planned(error: pipeline::Error) -> Failure {
     Failure::new(Exit::NoSeam, error).hint("--dump-stages keeps the cloud after every stage, to look at")
+}
+
+fn not_written_out(error: postprocessing::Error) -> Failure {
+    match error {
+        postprocessing::Error::Selection(error) => not_selected(error),
+        postprocessing::Error::TooLong(error) => Failure::new(Exit::Usage, error)
+            .hint("give a wider --spacing-mm: a seam is not divided while the arc burns"),
+    }
 }
 
 fn not_selected(error: selection::Error) -> Failure {

@@ -103,6 +103,10 @@ quantity!(/// Standard digital output of the controller.
     Output, whole 0 to 7, default 0);
 quantity!(/// Standard digital input of the controller.
     Input, whole 0 to 7);
+quantity!(/// Number of a tool on the controller.
+    ToolNumber, whole 1 to 16, default 1);
+quantity!(/// Number of the weld data on the controller.
+    WeldSchedule, whole 1 to 32, default 1);
 quantity!(/// Mass at the flange.
     PayloadKg, 0 to 100 " kg");
 quantity!(Duration, 0 to 60 " s");
@@ -252,6 +256,45 @@ impl From<RotationVector> for [f64; 3] {
     }
 }
 
+/// Name of a robot program that every dialect takes: at most 16 letters, digits and underscores, a letter first.
+///
+/// KUKA has the shortest names, of 24 characters, and the longest addition to them, of 8.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub struct ProgramName(String);
+
+impl Default for ProgramName {
+    fn default() -> Self {
+        Self("weldpath".into())
+    }
+}
+
+impl TryFrom<String> for ProgramName {
+    type Error = String;
+    fn try_from(name: String) -> Result<Self, String> {
+        let allowed = |c: char| c.is_ascii_alphanumeric() || c == '_';
+        let first = name.chars().next().is_some_and(|c| c.is_ascii_alphabetic());
+        if first && name.len() <= 16 && name.chars().all(allowed) {
+            return Ok(Self(name));
+        }
+        Err(format!(
+            "{name:?} is no name for a robot program: at most 16 letters, digits and underscores, a letter first"
+        ))
+    }
+}
+
+impl From<ProgramName> for String {
+    fn from(name: ProgramName) -> Self {
+        name.0
+    }
+}
+
+impl std::fmt::Display for ProgramName {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -278,6 +321,15 @@ mod tests {
             ["1,2,3", "1,2..3,4,5", "1,2,3..0,9,9", "1,2,x..3,4,5", "nan,0,0..1,1,1", "1,2,3,4..5,6,7"]
         {
             assert!(text.parse::<Region>().is_err(), "{text}");
+        }
+    }
+    #[test]
+    fn a_program_name_fits_every_controller() {
+        for name in ["weldpath", "a", "Frame_12_left"] {
+            assert!(ProgramName::try_from(name.to_owned()).is_ok(), "{name}");
+        }
+        for name in ["", "1st", "_a", "a-b", "a b", "ä", "a.b", "seventeen_letters"] {
+            assert!(ProgramName::try_from(name.to_owned()).is_err(), "{name}");
         }
     }
 }
