@@ -134,6 +134,8 @@ fn not_read(error: evaluation::Error) -> Failure {
     let failure = Failure::new(Exit::Input, &error);
     match error {
         Error::Read { .. } => failure.hint("give the folder that `weldpath plan` wrote, and --truth a file"),
-        Error::Malformed { .. } => failure,
+        Error::Malformed { .. } => failure.hint(
+            "--truth is the truth.json of `weldpath simulate`, or a CSV with columns x_mm, y_mm, z_mm; so is a path.csv",
+        ),
     }
 }

@@ -14,7 +14,7 @@ use weldpath::postprocessing::{self, postprocess};
 use weldpath::{scan, selection};
 
 use super::progress::Progress;
-use super::{Exit, Failure, print, table};
+use super::{Exit, Failure, print, table, whole};
 
 /// Plan the torch paths of all seams in a scan
 ///
@@ -50,7 +50,7 @@ pub(super) struct Args {
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     approach_mm: Option<ApproachMm>,
     /// Weld this seam only; may be given several times
-    #[arg(long, value_name = "ID")]
+    #[arg(long, value_name = "ID", value_parser = whole::<usize>)]
     seam: Vec<usize>,
     /// Weld the one seam nearest to this place, mm, base frame
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
@@ -178,7 +178,9 @@ fn keep_stages(out: &Path, stages: &[File]) -> Result<(), Failure> {
 }
 
 fn not_planned(error: pipeline::Error) -> Failure {
-    Failure::new(Exit::NoSeam, error).hint("--dump-stages keeps the cloud after every stage, to look at")
+    Failure::new(Exit::NoSeam, error).hint(
+        "--dump-stages keeps the cloud after every stage, to look at; docs/troubleshooting.md says what to try",
+    )
 }
 
 fn not_written_out(error: postprocessing::Error) -> Failure {
