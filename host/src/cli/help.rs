@@ -38,7 +38,7 @@ const EXAMPLES: &[(&str, &[(&str, &str)])] = &[
     (
         "simulate",
         &[
-            ("weldpath simulate --part fillet --out scan", "a T joint, four views, mid noise"),
+            ("weldpath simulate --part fillet --out scan", "a T joint, as a good depth camera sees it"),
             (
                 "weldpath simulate --part butt-v --pose vertical --noise high --seed 7 --out scan",
                 "a harder one",
