@@ -7,11 +7,14 @@ mod pendant;
 mod plan;
 mod port;
 mod progress;
+mod refit;
 mod scan;
+mod schema;
 mod score;
 mod simulate;
 mod stream;
 mod table;
+mod weld;
 
 use std::io::Write;
 use std::process::ExitCode;
@@ -31,14 +34,16 @@ pub(crate) struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    Plan(plan::Args),
+    Plan(Box<plan::Args>),
     Simulate(simulate::Args),
+    Refit(refit::Args),
     Evaluate(evaluate::Args),
     Stream(stream::Args),
     Monitor(monitor::Args),
     Pendant(pendant::Args),
     Scan(scan::Args),
     Score(score::Args),
+    Schema(schema::Args),
 }
 
 /// Runs a subcommand and tells a failure in words on standard error.
@@ -46,12 +51,14 @@ pub(crate) fn run(cli: Cli) -> ExitCode {
     let result = match &cli.command {
         Command::Plan(args) => plan::run(args),
         Command::Simulate(args) => simulate::run(args),
+        Command::Refit(args) => refit::run(args),
         Command::Evaluate(args) => evaluate::run(args),
         Command::Stream(args) => stream::run(args),
         Command::Monitor(args) => monitor::run(args),
         Command::Pendant(args) => pendant::run(args),
         Command::Scan(args) => scan::run(args),
         Command::Score(args) => score::run(args),
+        Command::Schema(args) => schema::run(args),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -1,5 +1,6 @@
 //! Behaviour across packages; the tests themselves are in `tests/tests/`, what several of them need is here.
 
+pub mod pictures;
 pub mod plans;
 pub mod urscript;
 

@@ -7,12 +7,13 @@ use weldpath::export::summary::Source;
 use weldpath::job::quantity::{
     ApproachMm, FeedMmS, Output, Place, Points, RatioThreshold, Region, SpacingMm, StandoffMm,
 };
-use weldpath::job::{Job, Method, Units};
+use weldpath::job::{Job, Method, Sequence, Units};
 use weldpath::pipeline::{self, Observer, Plan};
 use weldpath::postprocessing::postprocess;
 use weldpath::{scan, selection};
 
 use super::progress::Progress;
+use super::weld::WeldArgs;
 use super::{Exit, Failure, print, table};
 
 /// Plan the torch paths of all seams in a scan
@@ -48,6 +49,11 @@ pub(super) struct Args {
     /// Distance of approach and retract from the seam [default: 50]
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     approach_mm: Option<ApproachMm>,
+    #[command(flatten)]
+    weld: WeldArgs,
+    /// Which seam comes next [default: shortest]
+    #[arg(long, value_name = "SEQUENCE")]
+    sequence: Option<Sequence>,
     /// Weld this seam only; may be given several times
     #[arg(long, value_name = "ID")]
     seam: Vec<usize>,
@@ -108,9 +114,11 @@ fn job(args: &Args) -> Result<Job, Failure> {
     replace(&mut job.units, args.units);
     replace(&mut job.method, args.method);
     job.ratio_threshold = args.t.or(job.ratio_threshold);
-    replace(&mut job.path.standoff_mm, args.standoff_mm);
-    replace(&mut job.path.feed_mm_s, args.feed_mm_s);
-    replace(&mut job.path.approach_mm, args.approach_mm);
+    replace(&mut job.order.sequence, args.sequence);
+    job.path.standoff_mm = args.standoff_mm.or(job.path.standoff_mm);
+    job.path.feed_mm_s = args.feed_mm_s.or(job.path.feed_mm_s);
+    job.path.approach_mm = args.approach_mm.or(job.path.approach_mm);
+    args.weld.put_on(&mut job);
     replace(&mut job.arc.output, args.arc_output);
     job.selection.near_mm = args.near.or(job.selection.near_mm);
     job.selection.roi_mm = args.roi.or(job.selection.roi_mm);
@@ -157,7 +165,7 @@ fn plan(job: &Job, progress: &mut Progress) -> Result<(Plan, Source), Failure> {
     Ok((plan, Source { inputs, notes: scan.notes }))
 }
 
-fn units(units: Units) -> scan::Units {
+pub(super) fn units(units: Units) -> scan::Units {
     match units {
         Units::M => scan::Units::Metres,
         Units::Mm => scan::Units::Millimetres,
