@@ -9,11 +9,14 @@ mod pendant;
 mod plan;
 mod port;
 mod progress;
+mod refit;
 mod scan;
+mod schema;
 mod score;
 mod simulate;
 mod stream;
 mod table;
+mod weld;
 
 use std::io::Write;
 use std::process::ExitCode;
@@ -33,8 +36,9 @@ pub(crate) struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    Plan(plan::Args),
+    Plan(Box<plan::Args>),
     Simulate(simulate::Args),
+    Refit(refit::Args),
     Evaluate(evaluate::Args),
     Stream(stream::Args),
     Monitor(monitor::Args),
@@ -42,6 +46,7 @@ enum Command {
     Scan(scan::Args),
     Score(score::Args),
     Completions(completions::Args),
+    Schema(schema::Args),
 }
 
 /// Reads the command line and does what it says.
@@ -57,6 +62,7 @@ fn run(cli: &Cli) -> ExitCode {
     let result = match &cli.command {
         Command::Plan(args) => plan::run(args),
         Command::Simulate(args) => simulate::run(args),
+        Command::Refit(args) => refit::run(args),
         Command::Evaluate(args) => evaluate::run(args),
         Command::Stream(args) => stream::run(args),
         Command::Monitor(args) => monitor::run(args),
@@ -64,6 +70,7 @@ fn run(cli: &Cli) -> ExitCode {
         Command::Scan(args) => scan::run(args),
         Command::Score(args) => score::run(args),
         Command::Completions(args) => completions::run(args),
+        Command::Schema(args) => schema::run(args),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -199,6 +199,11 @@ impl Robot<'_> {
             self.frame = Some(number.parse().map_err(|_| "no number")?);
         } else if let Some(number) = line.strip_prefix("UTOOL_NUM=") {
             self.tool = Some(number.parse().map_err(|_| "no number")?);
+        } else if let Some(time) = line.strip_prefix("WAIT ") {
+            let time_s = number(time.strip_suffix("(sec)").ok_or("WAIT without (sec)")?)?;
+            require(time_s > 0.0, || "no time".into())?;
+            let step = self.steps.last_mut().filter(|step| step.stops).ok_or("WAIT on the move")?;
+            step.dwell_s += time_s;
         } else if let Some(called) = line.strip_prefix("CALL ") {
             self.call(called, depth + 1)?;
         } else {
@@ -228,6 +233,7 @@ impl Robot<'_> {
             base_from_tool: position.base_from_tool,
             speed_mm_s,
             stops: share.is_none(),
+            dwell_s: 0.0,
             blend_mm: share.map_or(0.0, |share| f64::from(share) / 100.0 * turn_mm),
             burning: self.burning.is_some(),
         })

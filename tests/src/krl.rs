@@ -153,6 +153,8 @@ struct Robot<'a> {
     moved: bool,
     speed_m_s: Option<f64>,
     blend_mm: Option<f64>,
+    /// In which depth of calls the last move stands.
+    motion_depth: usize,
     /// `$TIMER[1]`, ms, while it runs.
     timer_ms: Option<f64>,
     steps: Vec<Step>,
@@ -174,6 +176,7 @@ impl<'a> Robot<'a> {
             moved: false,
             speed_m_s: None,
             blend_mm: None,
+            motion_depth: 0,
             timer_ms: None,
             steps: vec![],
             events: vec![],
@@ -240,12 +243,17 @@ impl<'a> Robot<'a> {
 
     fn statement(&mut self, module: &str, line: &str, depth: usize) -> Result<(), String> {
         if let Some(rest) = line.strip_prefix("PTP ").or(line.strip_prefix("LIN ")) {
+            self.motion_depth = depth;
             return self.motion(module, rest, line.starts_with("PTP"));
         }
         if let Some(time) = line.strip_prefix("WAIT SEC ") {
             let time_s = number(time)?;
             require(time_s > 0.0, || "no time".into())?;
             self.timer_ms = self.timer_ms.map(|ms| ms + time_s * 1e3);
+            // Waits of the arc routines are not the weld's.
+            if let Some(step) = self.steps.last_mut().filter(|_| depth == self.motion_depth) {
+                step.dwell_s += time_s;
+            }
             self.events.push(Event::Wait(time_s));
             return Ok(());
         }
@@ -340,6 +348,7 @@ impl<'a> Robot<'a> {
             base_from_tool: rotation(a, b, c),
             speed_mm_s: (!joint).then_some(speed_m_s * 1e3),
             stops: !blended,
+            dwell_s: 0.0,
             blend_mm,
             burning: self.out(self.arc),
         });

@@ -2,6 +2,7 @@
 
 pub mod fanuc;
 pub mod krl;
+pub mod pictures;
 pub mod plans;
 pub mod rapid;
 pub mod robot;

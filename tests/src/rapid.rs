@@ -249,6 +249,12 @@ impl Robot<'_> {
     }
 
     fn instruction(&mut self, module: &str, line: &str, depth: usize) -> Result<(), String> {
+        if let Some(time) = line.strip_prefix("WaitTime ") {
+            let time_s = number(time)?;
+            let step = self.steps.last_mut().filter(|step| step.stops).ok_or("WaitTime on the move")?;
+            step.dwell_s += time_s;
+            return require(time_s > 0.0, || "no time".into());
+        }
         match line {
             "ConfJ\\Off" => self.configuration[0] = false,
             "ConfL\\Off" => self.configuration[1] = false,
@@ -291,7 +297,7 @@ impl Robot<'_> {
         require(!self.configuration[usize::from(!joint)], || "the configuration is not free".into())?;
         let speed_mm_s = (!joint).then_some(*speed_mm_s);
         let blend_mm = if stops { 0.0 } else { self.zone(module, zone)? };
-        Ok(Step { position_mm, base_from_tool, speed_mm_s, stops, blend_mm, burning })
+        Ok(Step { position_mm, base_from_tool, speed_mm_s, stops, dwell_s: 0.0, blend_mm, burning })
     }
 
     /// Whether the arc burns on the way of `command`; after it as the command says.

@@ -9,6 +9,22 @@ use weldpath::toolpath::program::Waypoint;
 
 use crate::plans;
 
+/// Welds that stop at corners, dwell, weave and leave gaps.
+pub const WOVEN: &str = r#"
+[path]
+corner = "stop"
+start_dwell_s = 0.4
+[weave]
+shape = "zigzag"
+amplitude_mm = 3
+wavelength_mm = 6
+dwell_left_s = 0.25
+[stitch]
+pattern = "stitches"
+length_mm = 20
+pitch_mm = 40
+"#;
+
 /// A file of a program: its name and its text.
 pub type Text = (String, String);
 
@@ -25,6 +41,8 @@ pub struct Step {
     pub stops: bool,
     /// Where the corner may be cut, mm.
     pub blend_mm: f64,
+    /// How long it stands at the end of it, arc on, s.
+    pub dwell_s: f64,
     /// Whether the arc burns on the way.
     pub burning: bool,
 }
@@ -74,8 +92,12 @@ fn pose(step: &Step, waypoint: &Waypoint, tolerance: &Tolerance) -> Result<(), S
 
 /// Amid a seam the robot does not stop and cuts no corner beyond half a segment; elsewhere it arrives.
 fn blend(steps: &[Step], waypoints: &[Waypoint], i: usize) -> Result<(), String> {
-    let goes_on = welds(waypoints, i) && welds(waypoints, i + 1);
     let step = &steps[i];
+    let between = welds(waypoints, i) && welds(waypoints, i + 1);
+    let dwell_s = waypoints[i].dwell_s;
+    let waits = (step.dwell_s - dwell_s.unwrap_or(0.0)).abs();
+    require(!between || waits < 0.006, || format!("move {i} waits for {} s", step.dwell_s))?;
+    let goes_on = between && dwell_s.is_none();
     if !goes_on {
         return require(step.stops, || format!("move {i} does not arrive"));
     }

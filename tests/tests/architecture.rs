@@ -32,7 +32,7 @@ const HOST: &[(&str, &[&str])] = &[
     ("downsampling", &["cloud", "grid", "normals", "denoising"]),
     ("orientation", &["grid", "downsampling"]),
     ("seam", &["cloud", "grid", "normals", "reconstruction", "downsampling"]),
-    ("toolpath", &["cloud", "seam"]),
+    ("toolpath", &["cloud", "grid", "seam"]),
     (
         "pipeline",
         &[
@@ -46,6 +46,7 @@ const HOST: &[(&str, &[&str])] = &[
             "toolpath",
         ],
     ),
+    ("refit", &["cloud", "grid", "normals", "reconstruction", "downsampling", "orientation", "toolpath"]),
     ("export", &["cloud", "seam", "toolpath", "pipeline"]),
     ("job", &["toolpath", "pipeline", "export"]),
     ("selection", &["toolpath", "job"]),

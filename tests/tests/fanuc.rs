@@ -2,7 +2,7 @@
 
 use weldpath::toolpath::program::Waypoint;
 use weldpath_tests::fanuc::run;
-use weldpath_tests::robot::{Text, Tolerance, check, output, refuses, texts};
+use weldpath_tests::robot::{Text, Tolerance, WOVEN, check, output, refuses, texts};
 
 /// Half of the last digit of the coordinates and angles; half a cm/min.
 const ROUNDED: Tolerance = Tolerance { position_mm: 1e-3, rotation_rad: 3e-6, speed_mm_s: 0.5 / 6.0 + 1e-9 };
@@ -102,4 +102,14 @@ fn a_blend_beyond_half_a_segment_and_a_stop_amid_the_seam_are_refused() {
         (found.as_str(), "8mm/sec CNT101 ", "0 to 100"),
     ];
     refuses(&files, &mutations, |files| program(files, &output.program.waypoints, &WHOLE));
+}
+
+#[test]
+fn weaves_dwells_stitches_and_stops_are_as_planned() {
+    let output = output(&format!("formats = [\"fanuc\"]{WOVEN}"));
+    let waypoints = &output.program.waypoints;
+    assert!(
+        waypoints.iter().any(|w| w.dwell_s == Some(0.25)) && waypoints.iter().any(|w| w.dwell_s == Some(0.0))
+    );
+    program(&texts(&output, &[".ls"]), &output.program.waypoints, &ROUNDED).unwrap();
 }

@@ -6,8 +6,8 @@ use std::process::Command;
 
 use weldpath_tests::command::weldpath;
 
-const SUBCOMMANDS: [&str; 8] =
-    ["plan", "simulate", "evaluate", "stream", "monitor", "pendant", "scan", "score"];
+const SUBCOMMANDS: [&str; 10] =
+    ["plan", "simulate", "refit", "schema", "evaluate", "stream", "monitor", "pendant", "scan", "score"];
 
 fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("the package lies in the workspace")
@@ -151,6 +151,6 @@ fn help_begins_with_what_a_command_is_for_and_examples() {
         let help = help(subcommand);
         let place = |word: &str| help.find(word).unwrap_or_else(|| panic!("{subcommand}: no {word}"));
         assert!(place("Examples:") < place("Usage:"), "{subcommand}");
-        assert!(help.contains(&format!("weldpath {subcommand} ")), "{subcommand}");
+        assert!(help.contains(&format!("\n  weldpath {subcommand} ")), "{subcommand}");
     }
 }

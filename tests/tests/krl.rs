@@ -2,7 +2,7 @@
 
 use weldpath::toolpath::program::Waypoint;
 use weldpath_tests::krl::{Event, Ran, run};
-use weldpath_tests::robot::{Text, Tolerance, check, output, refuses, require, texts};
+use weldpath_tests::robot::{Text, Tolerance, WOVEN, check, output, refuses, require, texts};
 
 /// Half of the last digit of the three coordinates and of the three angles.
 const ROUNDED: Tolerance = Tolerance { position_mm: 1e-3, rotation_rad: 3e-6, speed_mm_s: 1e-3 };
@@ -140,4 +140,14 @@ fn a_mutated_module_is_refused() {
     assert!(ran(&endless, false).is_err(), "without HALT the loop has no end");
     let long = format!("; {}\nENDDAT", "x".repeat(260));
     refuses(&files, &[("ENDDAT", &long, "a line of")], |files| program(files, waypoints));
+}
+
+#[test]
+fn weaves_dwells_stitches_and_stops_are_as_planned() {
+    let output = output(&format!("formats = [\"kuka\"]{WOVEN}"));
+    let waypoints = &output.program.waypoints;
+    assert!(
+        waypoints.iter().any(|w| w.dwell_s == Some(0.25)) && waypoints.iter().any(|w| w.dwell_s == Some(0.0))
+    );
+    program(&texts(&output, &[".src", ".dat"]), &output.program.waypoints).unwrap();
 }

@@ -2,7 +2,7 @@
 
 use weldpath::toolpath::program::Waypoint;
 use weldpath_tests::rapid::run;
-use weldpath_tests::robot::{Text, Tolerance, check, output, refuses, texts};
+use weldpath_tests::robot::{Text, Tolerance, WOVEN, check, output, refuses, texts};
 
 /// Half of the last digit of the three coordinates; quaternions to eight digits.
 const ROUNDED: Tolerance = Tolerance { position_mm: 1e-4, rotation_rad: 1e-7, speed_mm_s: 1e-9 };
@@ -104,4 +104,14 @@ fn an_unnormalised_or_reordered_quaternion_is_refused() {
     let last = format!("{x},{y},{z},{w}");
     let mutations = [(q, doubled.as_str(), "norm"), (q, last.as_str(), "turned")];
     refuses(&files, &mutations, |files| program(files, &output.program.waypoints));
+}
+
+#[test]
+fn weaves_dwells_stitches_and_stops_are_as_planned() {
+    let output = output(&format!("formats = [\"abb\"]{WOVEN}"));
+    let waypoints = &output.program.waypoints;
+    assert!(
+        waypoints.iter().any(|w| w.dwell_s == Some(0.25)) && waypoints.iter().any(|w| w.dwell_s == Some(0.0))
+    );
+    program(&texts(&output, &[".mod"]), &output.program.waypoints).unwrap();
 }

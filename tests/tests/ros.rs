@@ -1,7 +1,7 @@
 //! `poses.yaml` and `poses.json` are PoseArrays of the plan, and the reader refuses those that are not.
 
 use weldpath::toolpath::program::Waypoint;
-use weldpath_tests::robot::{Step, Text, Tolerance, check, output, refuses, require, texts};
+use weldpath_tests::robot::{Step, Text, Tolerance, WOVEN, check, output, refuses, require, texts};
 use weldpath_tests::ros::{Pose, json, yaml};
 
 const EXACT: Tolerance = Tolerance { position_mm: 2e-5, rotation_rad: 1e-7, speed_mm_s: 0.0 };
@@ -25,7 +25,8 @@ fn steps(poses: &[Pose], waypoints: &[Waypoint]) -> Vec<Step> {
         position_mm: position_m * 1e3,
         base_from_tool: *base_from_tool,
         speed_mm_s: Some(waypoints.get(i).map_or(0.0, |waypoint| waypoint.feed_mm_s)),
-        stops: !(burns(i) && burns(i + 1)),
+        stops: !(burns(i) && burns(i + 1) && waypoints.get(i).is_some_and(|w| w.dwell_s.is_none())),
+        dwell_s: waypoints.get(i).and_then(|waypoint| waypoint.dwell_s).unwrap_or(0.0),
         blend_mm: 0.0,
         burning: burns(i),
     };
@@ -82,4 +83,14 @@ fn a_mutated_message_is_refused() {
         ("poses:\n", "poses:\n- position: {x: 0.0, y: 0.0, z: 0.0}\n", "no field orientation"),
     ];
     refuses(&texts(&output, &["poses.yaml"]), &in_yaml, check);
+}
+
+#[test]
+fn weaves_dwells_stitches_and_stops_are_as_planned() {
+    let output = output(&format!("formats = [\"ros\"]{WOVEN}"));
+    let waypoints = &output.program.waypoints;
+    assert!(
+        waypoints.iter().any(|w| w.dwell_s == Some(0.25)) && waypoints.iter().any(|w| w.dwell_s == Some(0.0))
+    );
+    program(&texts(&output, &["poses.yaml", "poses.json"]), &output.program.waypoints).unwrap();
 }

@@ -76,7 +76,7 @@ fn standoff_mm(args: &Args) -> Result<f64, Failure> {
         (Some(given), _) => Ok(given.get()),
         (None, true) => {
             let job = Job::read(&file).map_err(|e| Failure::new(Exit::Input, &e).hint(e.hint()))?;
-            Ok(job.path.standoff_mm.get())
+            Ok(job.path.standoff_mm.unwrap_or_default().get())
         }
         (None, false) => Ok(0.0),
     }

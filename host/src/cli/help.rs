@@ -45,6 +45,8 @@ const EXAMPLES: &[(&str, &[(&str, &str)])] = &[
             ),
         ],
     ),
+    ("refit", &[("weldpath refit out new_scan --out refitted", "the saved program, where the part is now")]),
+    ("schema", &[("weldpath schema > job.schema.json", "for an editor that completes and checks job files")]),
     (
         "evaluate",
         &[

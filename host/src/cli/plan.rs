@@ -3,17 +3,19 @@
 use std::path::{Path, PathBuf};
 
 use weldpath::export::directory::{self, File};
+use weldpath::export::moves::TooLong;
 use weldpath::export::robot::Robot;
 use weldpath::export::summary::Source;
 use weldpath::job::quantity::{
     ApproachMm, FeedMmS, Output, Place, Points, RatioThreshold, Region, SpacingMm, StandoffMm,
 };
-use weldpath::job::{Formats, Job, Method, Units};
+use weldpath::job::{Formats, Job, Method, Sequence, Units};
 use weldpath::pipeline::{self, Observer, Plan};
 use weldpath::postprocessing::{self, postprocess};
 use weldpath::{scan, selection};
 
 use super::progress::Progress;
+use super::weld::WeldArgs;
 use super::{Exit, Failure, print, table, whole};
 
 /// Plan the torch paths of all seams in a scan
@@ -49,6 +51,11 @@ pub(super) struct Args {
     /// Distance of approach and retract from the seam [default: 50]
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     approach_mm: Option<ApproachMm>,
+    #[command(flatten)]
+    weld: WeldArgs,
+    /// Which seam comes next [default: shortest]
+    #[arg(long, value_name = "SEQUENCE")]
+    sequence: Option<Sequence>,
     /// Weld this seam only; may be given several times
     #[arg(long, value_name = "ID", value_parser = whole::<usize>)]
     seam: Vec<usize>,
@@ -112,9 +119,11 @@ fn job(args: &Args) -> Result<Job, Failure> {
     replace(&mut job.units, args.units);
     replace(&mut job.method, args.method);
     job.ratio_threshold = args.t.or(job.ratio_threshold);
-    replace(&mut job.path.standoff_mm, args.standoff_mm);
-    replace(&mut job.path.feed_mm_s, args.feed_mm_s);
-    replace(&mut job.path.approach_mm, args.approach_mm);
+    replace(&mut job.order.sequence, args.sequence);
+    job.path.standoff_mm = args.standoff_mm.or(job.path.standoff_mm);
+    job.path.feed_mm_s = args.feed_mm_s.or(job.path.feed_mm_s);
+    job.path.approach_mm = args.approach_mm.or(job.path.approach_mm);
+    args.weld.put_on(&mut job);
     replace(&mut job.arc.output, args.arc_output);
     job.selection.near_mm = args.near.or(job.selection.near_mm);
     job.selection.roi_mm = args.roi.or(job.selection.roi_mm);
@@ -164,7 +173,7 @@ fn plan(job: &Job, progress: &mut Progress) -> Result<(Plan, Source), Failure> {
     Ok((plan, Source { inputs, notes: scan.notes }))
 }
 
-fn units(units: Units) -> scan::Units {
+pub(super) fn units(units: Units) -> scan::Units {
     match units {
         Units::M => scan::Units::Metres,
         Units::Mm => scan::Units::Millimetres,
@@ -186,9 +195,13 @@ fn not_planned(error: pipeline::Error) -> Failure {
 fn not_written_out(error: postprocessing::Error) -> Failure {
     match error {
         postprocessing::Error::Selection(error) => not_selected(error),
-        postprocessing::Error::TooLong(error) => Failure::new(Exit::Usage, error)
-            .hint("give a wider --spacing-mm: a seam is not divided while the arc burns"),
+        postprocessing::Error::TooLong(error) => too_long(error),
     }
+}
+
+pub(super) fn too_long(error: TooLong) -> Failure {
+    Failure::new(Exit::Usage, error)
+        .hint("plan with a wider --spacing-mm: a seam is not divided while the arc burns")
 }
 
 fn not_selected(error: selection::Error) -> Failure {

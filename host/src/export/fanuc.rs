@@ -84,10 +84,14 @@ fn motions(settings: &Settings, moves: &[Move], opens: bool) -> Vec<String> {
         } else {
             lines.push(format!("L P[{point}] {} {}", speed(a_move.feed_mm_s), termination(a_move)));
         }
-        match a_move.then {
-            Some(Switch::On) => lines.push(format!("  Arc Start[{}]", settings.weld_schedule)),
-            Some(Switch::Off) => lines.push(format!("  Arc End[{}]", settings.weld_schedule)),
-            None => {}
+        if a_move.then == Some(Switch::On) {
+            lines.push(format!("  Arc Start[{}]", settings.weld_schedule));
+        }
+        if let Some(wait_s) = a_move.wait_s() {
+            lines.push(format!("  WAIT {}(sec)", decimal::<2>(wait_s)));
+        }
+        if a_move.then == Some(Switch::Off) {
+            lines.push(format!("  Arc End[{}]", settings.weld_schedule));
         }
     }
     lines

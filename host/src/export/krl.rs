@@ -126,10 +126,12 @@ fn motions(name: &str, moves: &[Move], opens: bool) -> String {
         }
         let command = if opens && i == 0 { "PTP" } else { "LIN" };
         let _ = writeln!(text, "{command} XP{}{}", i + 1, if blended { " C_DIS" } else { "" });
-        match a_move.then {
-            Some(Switch::On) => text.push_str(&format!("{name}_arc_on()\n")),
-            Some(Switch::Off) => text.push_str(&format!("{name}_arc_off()\n")),
-            None => {}
+        if a_move.then == Some(Switch::On) {
+            text.push_str(&format!("{name}_arc_on()\n"));
+        }
+        text.push_str(&wait(a_move.dwell_s.unwrap_or(0.0)));
+        if a_move.then == Some(Switch::Off) {
+            text.push_str(&format!("{name}_arc_off()\n"));
         }
     }
     text

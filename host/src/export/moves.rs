@@ -39,6 +39,8 @@ pub struct Move {
     pub welding: bool,
     /// Radius within which the corner here may be cut, mm; 0 arrives and stands.
     pub blend_mm: f64,
+    /// How long the torch stands here with the arc burning, s; a move without it passes if it may.
+    pub dwell_s: Option<f64>,
     /// What follows the arrival.
     pub then: Option<Switch>,
     /// [`crate::seam::Seam::id`]; none in the air.
@@ -59,6 +61,13 @@ pub struct TooLong {
     pub dialect: &'static str,
 }
 
+impl Move {
+    /// The time to wait here, if any.
+    pub fn wait_s(&self) -> Option<f64> {
+        self.dwell_s.filter(|&dwell_s| dwell_s > 0.0)
+    }
+}
+
 /// One move to each waypoint.
 pub fn moves(waypoints: &[Waypoint]) -> Vec<Move> {
     let burns = |i: usize| {
@@ -69,7 +78,7 @@ pub fn moves(waypoints: &[Waypoint]) -> Vec<Move> {
         let (before, after) = (burns(i), burns(i + 1));
         let neighbours = || Some((waypoints.get(i.checked_sub(1)?)?, waypoints.get(i + 1)?));
         let blend_mm = match neighbours() {
-            Some((from, to)) if before && after => blend_mm(from, here, to),
+            Some((from, to)) if before && after && here.dwell_s.is_none() => blend_mm(from, here, to),
             _ => 0.0,
         };
         Move {
@@ -78,6 +87,7 @@ pub fn moves(waypoints: &[Waypoint]) -> Vec<Move> {
             feed_mm_s: here.feed_mm_s,
             welding: before,
             blend_mm,
+            dwell_s: here.dwell_s,
             then: match (before, after) {
                 (false, true) => Some(Switch::On),
                 (true, false) => Some(Switch::Off),
@@ -162,6 +172,7 @@ mod tests {
             position_mm: Point3::new(i as f64, 10.0 * seam as f64, 0.0),
             base_from_torch: UnitQuaternion::identity(),
             feed_mm_s: 8.0,
+            dwell_s: None,
             weld: (1..=points).contains(&i),
             seam: Some(seam),
             kind: if (1..=points).contains(&i) { Kind::Weld } else { Kind::Approach },
@@ -176,6 +187,15 @@ mod tests {
         assert_eq!(switches, [Switch::On, Switch::Off].repeat(3));
         assert!(moves.iter().all(|m| (m.blend_mm > 0.0) == (m.welding && m.then.is_none())));
         assert_eq!(moves.iter().filter(|m| m.welding).count(), 3 * 3);
+    }
+
+    #[test]
+    fn where_the_torch_stands_no_corner_is_cut() {
+        let mut waypoints = straight(1, 5);
+        waypoints[3].dwell_s = Some(0.0);
+        let moves = moves(&waypoints);
+        assert!(moves[2].blend_mm > 0.0 && moves[3].blend_mm == 0.0);
+        assert_eq!((moves[3].dwell_s, moves[3].wait_s()), (Some(0.0), None));
     }
 
     #[test]

@@ -171,6 +171,10 @@ fn instructions(settings: &Settings, numbers: &Numbers, moves: &[Move], opens: b
     for (i, a_move) in moves.iter().enumerate() {
         let next = moves.get(i + 1);
         text.push_str(&instruction(settings, numbers, a_move, next, i, opens && i == 0));
+        // At the very end the crater is filled as seamdata says.
+        if let Some(wait_s) = a_move.wait_s().filter(|_| a_move.then != Some(Switch::Off)) {
+            text.push_str(&format!("    WaitTime {wait_s};\n"));
+        }
     }
     text
 }

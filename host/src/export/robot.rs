@@ -1,6 +1,7 @@
 //! Programs for robot controllers, one module per dialect. What each needs edited before it runs, and what has not
 //! been tried: `docs/programs.md`.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::directory::File;
@@ -10,7 +11,18 @@ use crate::toolpath::program::Waypoint;
 
 /// Whose program is written.
 #[derive(
-    Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Serialize, Deserialize, clap::ValueEnum,
+    Debug,
+    Clone,
+    Copy,
+    PartialEq,
+    Eq,
+    PartialOrd,
+    Ord,
+    Default,
+    Serialize,
+    Deserialize,
+    JsonSchema,
+    clap::ValueEnum,
 )]
 #[serde(rename_all = "kebab-case")]
 pub enum Robot {

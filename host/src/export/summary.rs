@@ -5,6 +5,9 @@ use serde::Serialize;
 use crate::pipeline::{Derived, Plan, ViewReport};
 use crate::seam::{Joint, Seam};
 use crate::toolpath::SeamPath;
+use crate::toolpath::opening::root_opening_mm;
+use crate::toolpath::position::{Position, positions};
+use nalgebra::UnitVector3;
 
 /// Value of `version`; raised when a reader of the old one would misunderstand the new one.
 pub const VERSION: u32 = 1;
@@ -59,6 +62,10 @@ struct SeamSummary {
     closed: bool,
     length_mm: f64,
     points: usize,
+    passes: usize,
+    order: Option<usize>,
+    positions: Vec<Position>,
+    root_opening_mm: Option<f64>,
     confidence: Option<f64>,
     expected_error_mm: Option<f64>,
     expected_error_deg: Option<f64>,
@@ -73,8 +80,16 @@ struct Stage {
 }
 
 impl Summary {
-    /// Of a plan: `paths` are those of the seams that were selected, as they are written.
-    pub fn new(plan: &Plan, source: Source, paths: &[SeamPath], warnings: Vec<String>) -> Self {
+    /// Of a plan: `lines` are the seams that were selected, in weld order and direction, `paths` their passes as they
+    /// are written, `up` is against gravity.
+    pub fn new(
+        plan: &Plan,
+        source: Source,
+        lines: &[SeamPath],
+        paths: &[SeamPath],
+        up: UnitVector3<f64>,
+        warnings: Vec<String>,
+    ) -> Self {
         Self {
             format: "weldpath-summary",
             version: VERSION,
@@ -82,7 +97,7 @@ impl Summary {
             source,
             derived: plan.derived.iter().map(parameter).collect(),
             views: plan.views.iter().map(view).collect(),
-            seams: plan.seams.iter().map(|seam| seam_summary(seam, paths)).collect(),
+            seams: plan.seams.iter().map(|seam| seam_summary(seam, plan, lines, paths, up)).collect(),
             stages: plan.stage_s.iter().map(|&(name, time_s)| Stage { name, time_s }).collect(),
             warnings,
         }
@@ -91,6 +106,16 @@ impl Summary {
     /// What the user should know about the run; what concerns one seam stands there.
     pub fn warnings(&self) -> &[String] {
         &self.warnings
+    }
+
+    /// Welding positions of the seam with this id.
+    pub fn positions(&self, id: usize) -> &[Position] {
+        self.seams.iter().find(|seam| seam.id == id).map_or(&[], |seam| &seam.positions)
+    }
+
+    /// Measured root opening of the seam with this id, mm.
+    pub fn root_opening_mm(&self, id: usize) -> Option<f64> {
+        self.seams.iter().find(|seam| seam.id == id)?.root_opening_mm
     }
 
     /// The file's text.
@@ -116,21 +141,41 @@ fn view(report: &ViewReport) -> View {
     }
 }
 
-fn seam_summary(seam: &Seam, paths: &[SeamPath]) -> SeamSummary {
-    let path = paths.iter().find(|path| path.seam == seam.id);
+fn seam_summary(
+    seam: &Seam,
+    plan: &Plan,
+    lines: &[SeamPath],
+    paths: &[SeamPath],
+    up: UnitVector3<f64>,
+) -> SeamSummary {
+    let passes = || paths.iter().filter(|path| path.seam == seam.id);
+    let welded = |path: &SeamPath| path.points.iter().filter(|point| point.process.weld).count();
+    let order = lines.iter().position(|path| path.seam == seam.id);
+    let found = SeamPath::along(seam);
+    let line = order.map_or(&found, |k| &lines[k]);
     SeamSummary {
         id: seam.id,
         joint: seam.joint,
-        selected: path.is_some(),
+        selected: order.is_some(),
         closed: seam.closed,
         length_mm: seam.length_mm(),
-        points: path.map_or(0, |path| path.points.len()),
+        points: passes().map(welded).sum(),
+        passes: passes().count(),
+        order: order.map(|k| k + 1),
+        positions: positions(line, up, seam.joint == Joint::ButtV),
+        root_opening_mm: opening_mm(seam, plan),
         confidence: finite(seam.confidence),
         expected_error_mm: finite(seam.expected_error_mm),
         expected_error_deg: finite(seam.expected_error_deg),
         reason: seam.reason.clone(),
         warnings: seam.warnings.clone(),
     }
+}
+
+/// At the scale of the model's voxels.
+fn opening_mm(seam: &Seam, plan: &Plan) -> Option<f64> {
+    let voxel_mm = plan.derived.iter().find(|derived| derived.name == "voxel_mm")?.value;
+    root_opening_mm(seam, &plan.model, voxel_mm)
 }
 
 /// JSON has no infinity: what is unbounded is `null`.

@@ -1,7 +1,8 @@
 //! `path.script`: the program in URScript, for Universal Robots controllers.
 //!
 //! The dialect's rules: metres and rotation vectors; tool z points into the work, so the torch frame is turned half
-//! round `m`; blend radii stay below half of the shorter neighbouring segment, and 0 ends every seam; a rotation
+//! round `m`; blend radii stay below half of the shorter neighbouring segment, and are 0 at the end of every weld and
+//! wherever the torch stands; a rotation
 //! vector is the representative nearest to the one before, so that component-wise readers see no jump.
 
 use std::fmt::Write;
@@ -102,7 +103,9 @@ impl Script {
         match here.kind {
             Kind::Weld if welds(before) => {
                 let blend_mm = match (before, after) {
-                    (Some(before), Some(next)) if welds(after) => blend_mm(before, here, next),
+                    (Some(before), Some(next)) if welds(after) && here.dwell_s.is_none() => {
+                        blend_mm(before, here, next)
+                    }
                     _ => 0.0,
                 };
                 self.line(format_args!(
@@ -110,6 +113,7 @@ impl Script {
                     metres(here.feed_mm_s),
                     metres((blend_mm * 1e3).floor() / 1e3)
                 ));
+                self.sleep(here.dwell_s.unwrap_or(0.0));
                 if !welds(after) {
                     self.arc_off(arc);
                 }
@@ -121,8 +125,11 @@ impl Script {
             }
         }
         match here.kind {
-            Kind::Approach => self.gas_on(here.seam, arc),
-            Kind::Weld if !welds(before) => self.arc_on(arc),
+            Kind::Approach if after.is_some_and(|after| after.weld) => self.gas_on(here.seam, arc),
+            Kind::Weld if !welds(before) => {
+                self.arc_on(arc);
+                self.sleep(here.dwell_s.unwrap_or(0.0));
+            }
             _ => {}
         }
     }
