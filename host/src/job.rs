@@ -57,7 +57,7 @@ pub struct Job {
     pub units: Units,
     /// How seams are found.
     pub method: Method,
-    /// Threshold `t` of eq. (16), for [`Method::Paper`].
+    /// Threshold `t` of eq. (16), for the method of the paper.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ratio_threshold: Option<RatioThreshold>,
     /// Whose programs are written.

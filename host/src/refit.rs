@@ -3,7 +3,8 @@
 //! Point-to-plane ICP as in [`crate::reconstruction`], but of one rigid cloud onto another, from a pose that nobody
 //! reported: so first from many poses about the old one with few points, then finely from the best of them. Only the
 //! model about the welds counts, as the table need not have moved. Directions in which surfaces are common (the faces
-//! of plates) are sampled no more often than rare ones, so that an edge weighs as much as the plate it ends.
+//! of plates) are sampled no more often than rare ones. Where a surface ends, its edge counts as a surface of its own that
+//! faces out of it in its plane: a straight groove in flat plates is held along its length by nothing else.
 
 use nalgebra::{Isometry3, Matrix6, Point3, SymmetricEigen, Translation3, UnitQuaternion, Vector3, Vector6};
 use rayon::prelude::*;
@@ -99,11 +100,11 @@ pub fn refit(program: &[Waypoint], model: &PointCloud, new: &PointCloud) -> Resu
         return Err(Error::Saved { what: "program has no weld" });
     }
     let part = Part::new(model, &welds);
-    if part.points.len() < 50 {
+    if part.surface.len() < 50 {
         return Err(Error::Saved { what: "model has no surface about the welds of its program" });
     }
     let coarse = Target::new(new, 4.0);
-    let few = part.sample(COARSE_POINTS);
+    let few = sample(&part.surface, COARSE_POINTS);
     let mut candidates: Vec<(f64, Isometry3<f64>)> = starts(&part.centre)
         .par_iter()
         .map(|start| {
@@ -113,9 +114,12 @@ pub fn refit(program: &[Waypoint], model: &PointCloud, new: &PointCloud) -> Resu
         .collect();
     candidates.sort_by(|a, b| b.0.total_cmp(&a.0));
     let fine = Target::new(new, 0.0);
-    let many = part.sample(FINE_POINTS);
+    let with_edges = Target::new(&with_edges(new), 0.0);
+    let many = sample(&part.surface, FINE_POINTS);
+    let mut all = sample(&part.edges, FINE_POINTS / 3);
+    all.extend(&many);
     let finals = candidates.iter().take(FINALISTS).map(|(_, start)| {
-        let (pose, information) = align(&many, &fine, start, &part.centre, &FINE_GATES_MM);
+        let (pose, information) = align(&all, &with_edges, start, &part.centre, &FINE_GATES_MM);
         (share(&many, &fine, &pose, FOUND_MM), pose, information)
     });
     let best = finals.max_by(|a, b| a.0.total_cmp(&b.0));
@@ -163,9 +167,13 @@ fn describe(found: f64, pose: Isometry3<f64>, information: &Matrix6<f64>, part: 
     Refit { new_from_old: pose, found, rms_mm, moved_mm, turned_deg, warnings }
 }
 
-/// The model about the welds, base frame.
+/// A place on a surface and its normal, or on an edge and the way out of the surface there; base frame.
+type Patch = (Point3<f64>, Vector3<f64>);
+
+/// The model about the welds.
 struct Part {
-    points: Vec<(Point3<f64>, Vector3<f64>)>,
+    surface: Vec<Patch>,
+    edges: Vec<Patch>,
     centre: Point3<f64>,
 }
 
@@ -174,31 +182,64 @@ impl Part {
         let local: Vec<Point3<f32>> =
             welds.iter().map(|p| Point3::from((p - model.origin_mm).cast())).collect();
         let grid = Grid::new(&local, ABOUT_WELDS_MM as f32);
-        let points: Vec<_> = (0..model.len())
-            .filter(|&k| grid.nearest(&model.points_mm[k], ABOUT_WELDS_MM as f32, |_| true).is_some())
-            .map(|k| (model.in_base_mm(k), model.normals[k].cast()))
-            .collect();
-        let sum: Vector3<f64> = points.iter().map(|(p, _)| p.coords).sum();
-        Self { centre: Point3::from(sum / points.len().max(1) as f64), points }
+        let near = |p: &Point3<f32>| grid.nearest(p, ABOUT_WELDS_MM as f32, |_| true).is_some();
+        let whole = with_edges(model);
+        let (mut surface, mut edges) = (Vec::new(), Vec::new());
+        for k in (0..whole.len()).filter(|&k| near(&whole.points_mm[k])) {
+            let patch = (whole.in_base_mm(k), whole.normals[k].cast());
+            if k < model.len() { surface.push(patch) } else { edges.push(patch) }
+        }
+        let sum: Vector3<f64> = surface.iter().map(|(p, _)| p.coords).sum();
+        Self { centre: Point3::from(sum / surface.len().max(1) as f64), surface, edges }
     }
+}
 
-    /// So many points, taken in turn from every direction that surfaces have.
-    fn sample(&self, count: usize) -> Vec<(Point3<f64>, Vector3<f64>)> {
-        let bin = |n: &Vector3<f64>| n.iter().fold(0, |bin, v| 7 * bin + ((v * 3.0).round() + 3.0) as usize);
-        let mut members: Vec<Vec<usize>> = vec![Vec::new(); 343];
-        for (k, (_, n)) in self.points.iter().enumerate() {
-            members[bin(n).min(342)].push(k);
-        }
-        members.retain(|m| !m.is_empty());
-        members.sort_by_key(Vec::len);
-        let (mut left, mut chosen) = (count, Vec::with_capacity(count));
-        for (k, m) in members.iter().enumerate() {
-            let share = (left / (members.len() - k)).min(m.len());
-            left -= share;
-            chosen.extend((0..share).map(|s| self.points[m[s * m.len() / share]]));
-        }
-        chosen
+/// So many patches, taken in turn from every direction that they face.
+fn sample(patches: &[Patch], count: usize) -> Vec<Patch> {
+    let bin = |n: &Vector3<f64>| n.iter().fold(0, |bin, v| 7 * bin + ((v * 3.0).round() + 3.0) as usize);
+    let mut members: Vec<Vec<usize>> = vec![Vec::new(); 343];
+    for (k, (_, n)) in patches.iter().enumerate() {
+        members[bin(n).min(342)].push(k);
     }
+    members.retain(|m| !m.is_empty());
+    members.sort_by_key(Vec::len);
+    let (mut left, mut chosen) = (count, Vec::with_capacity(count));
+    for (k, m) in members.iter().enumerate() {
+        let share = (left / (members.len() - k)).min(m.len());
+        left -= share;
+        chosen.extend((0..share).map(|s| patches[m[s * m.len() / share]]));
+    }
+    chosen
+}
+
+/// Neighbours of an edge are looked for within this, mm.
+const EDGE_REACH_MM: f32 = 4.0;
+/// Least distance of their centroid, in reaches, at an edge: a half disc has 0.42, a whole one 0.
+const EDGE: f32 = 0.3;
+
+/// The cloud and, behind its points, its edges once more, with the direction out of the surface as their normal.
+fn with_edges(cloud: &PointCloud) -> PointCloud {
+    let grid = Grid::new(&cloud.points_mm, EDGE_REACH_MM);
+    let edge = |k: usize| {
+        let (p, n) = (cloud.points_mm[k], cloud.normals[k]);
+        let (mut sum, mut count) = (Vector3::zeros(), 0.0);
+        grid.within(&p, EDGE_REACH_MM, |slot, _| {
+            if cloud.normals[grid.index(slot)].dot(&n) > MIN_NORMAL_DOT {
+                sum += grid.point(slot) - p;
+                count += 1.0;
+            }
+        });
+        let centroid = sum / f32::max(count, 1.0);
+        let out = -(centroid - n * n.dot(&centroid));
+        (count > 4.0 && out.norm() > EDGE * EDGE_REACH_MM).then(|| (p, out.normalize()))
+    };
+    let edges: Vec<_> = (0..cloud.len()).into_par_iter().filter_map(edge).collect();
+    let mut all = cloud.clone();
+    for (p, out) in edges {
+        all.points_mm.push(p);
+        all.normals.push(out);
+    }
+    all
 }
 
 /// The new cloud, ready to be asked for what is near.
@@ -225,12 +266,7 @@ impl Target {
     }
 
     /// Nearest point with about this normal, and its own normal.
-    fn nearest(
-        &self,
-        p: &Point3<f64>,
-        n: &Vector3<f64>,
-        gate_mm: f32,
-    ) -> Option<(Point3<f64>, Vector3<f64>)> {
+    fn nearest(&self, p: &Point3<f64>, n: &Vector3<f64>, gate_mm: f32) -> Option<Patch> {
         let local = Point3::from((p - self.origin).cast::<f32>());
         let facing: Vector3<f32> = n.cast();
         let same_side = |slot: usize| self.normals[slot].dot(&facing) > MIN_NORMAL_DOT;
@@ -268,7 +304,7 @@ fn about(centre: &Point3<f64>, turn_rad: &Vector3<f64>, shift_mm: &Vector3<f64>)
 /// Point-to-plane ICP from `start`: the pose, and the information of its last step, of rotations about the middle of
 /// the part in units of its size, 1 for a motion that every pair sees in full.
 fn align(
-    part: &[(Point3<f64>, Vector3<f64>)],
+    part: &[Patch],
     target: &Target,
     start: &Isometry3<f64>,
     centre: &Point3<f64>,
@@ -297,7 +333,7 @@ fn align(
 
 /// One linear step, rotations in mm at the size of the part, and what the pairs see of each motion.
 fn step(
-    part: &[(Point3<f64>, Vector3<f64>)],
+    part: &[Patch],
     target: &Target,
     pose: &Isometry3<f64>,
     middle: &Point3<f64>,
@@ -328,13 +364,8 @@ fn step(
 }
 
 /// Share of the part that lies within `within_mm` of the target.
-fn share(
-    part: &[(Point3<f64>, Vector3<f64>)],
-    target: &Target,
-    pose: &Isometry3<f64>,
-    within_mm: f32,
-) -> f64 {
-    let near = |(p, n): &&(Point3<f64>, Vector3<f64>)| {
+fn share(part: &[Patch], target: &Target, pose: &Isometry3<f64>, within_mm: f32) -> f64 {
+    let near = |(p, n): &&Patch| {
         let place = pose * p;
         let reach_mm = (2.0 * within_mm).max(target.grid.cell_mm());
         let hit = target.nearest(&place, &(pose.rotation * n), reach_mm);
@@ -343,8 +374,8 @@ fn share(
     part.iter().filter(near).count() as f64 / part.len().max(1) as f64
 }
 
-fn rms_mm(part: &[(Point3<f64>, Vector3<f64>)], target: &Target, pose: &Isometry3<f64>) -> f64 {
-    let residual = |(p, n): &(Point3<f64>, Vector3<f64>)| {
+fn rms_mm(part: &[Patch], target: &Target, pose: &Isometry3<f64>) -> f64 {
+    let residual = |(p, n): &Patch| {
         let place = pose * p;
         let (q, normal) = target.nearest(&place, &(pose.rotation * n), FOUND_MM)?;
         Some(normal.dot(&(place - q)))

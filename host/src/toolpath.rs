@@ -10,7 +10,6 @@ pub mod angles;
 pub mod cornering;
 pub mod ends;
 pub mod offset;
-pub mod opening;
 pub mod ordering;
 pub mod position;
 pub mod program;

@@ -32,7 +32,7 @@ const HOST: &[(&str, &[&str])] = &[
     ("downsampling", &["cloud", "grid", "normals", "denoising"]),
     ("orientation", &["grid", "downsampling"]),
     ("seam", &["cloud", "grid", "normals", "reconstruction", "downsampling"]),
-    ("toolpath", &["cloud", "grid", "seam"]),
+    ("toolpath", &["cloud", "seam"]),
     (
         "pipeline",
         &[

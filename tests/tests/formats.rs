@@ -90,7 +90,7 @@ fn documented_keys() -> Vec<String> {
 fn the_committed_schema_is_that_of_the_job_and_has_every_documented_key_and_no_other() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
     let committed = std::fs::read_to_string(root.join("docs/job.schema.json")).unwrap();
-    assert_eq!(committed, Job::schema(), "write it anew: weldpath schema > docs/job.schema.json");
+    assert!(committed == Job::schema(), "write it anew: weldpath schema > docs/job.schema.json");
     let mut known = Vec::new();
     schema_keys(&serde_json::from_str(&committed).unwrap(), &mut known);
     let tables = ["selection", "order", "path", "torch", "weave", "stitch", "arc", "tool", "pass", "seam"];

@@ -88,6 +88,17 @@ fn every_example_changes_the_program_and_replays_to_the_same_bytes() {
 }
 
 #[test]
+fn every_block_of_the_page_is_a_job() {
+    let page = page();
+    let blocks: Vec<&str> =
+        page.split("```toml\n").skip(1).map(|rest| rest.split("```").next().unwrap()).collect();
+    assert!(blocks.len() > examples().len(), "some have no picture");
+    for block in blocks {
+        job(block);
+    }
+}
+
+#[test]
 fn every_command_of_the_page_ends_well() {
     let page = page();
     let home = tempfile::tempdir().unwrap();

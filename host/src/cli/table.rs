@@ -18,11 +18,6 @@ pub(super) fn result(plan: &Plan, output: &Output, source: &Source, out: &Path) 
     for seam in &plan.seams {
         text.push_str(&row(seam, output));
     }
-    for seam in &plan.seams {
-        if let Some(opening_mm) = output.summary.root_opening_mm(seam.id) {
-            line(&mut text, &format!("seam {}: root opening {} mm", seam.id, significant(opening_mm)));
-        }
-    }
     for note in &source.notes {
         line(&mut text, note);
     }

@@ -5,7 +5,6 @@ use serde::Serialize;
 use crate::pipeline::{Derived, Plan, ViewReport};
 use crate::seam::{Joint, Seam};
 use crate::toolpath::SeamPath;
-use crate::toolpath::opening::root_opening_mm;
 use crate::toolpath::position::{Position, positions};
 use nalgebra::UnitVector3;
 
@@ -65,7 +64,6 @@ struct SeamSummary {
     passes: usize,
     order: Option<usize>,
     positions: Vec<Position>,
-    root_opening_mm: Option<f64>,
     confidence: Option<f64>,
     expected_error_mm: Option<f64>,
     expected_error_deg: Option<f64>,
@@ -97,7 +95,7 @@ impl Summary {
             source,
             derived: plan.derived.iter().map(parameter).collect(),
             views: plan.views.iter().map(view).collect(),
-            seams: plan.seams.iter().map(|seam| seam_summary(seam, plan, lines, paths, up)).collect(),
+            seams: plan.seams.iter().map(|seam| seam_summary(seam, lines, paths, up)).collect(),
             stages: plan.stage_s.iter().map(|&(name, time_s)| Stage { name, time_s }).collect(),
             warnings,
         }
@@ -111,11 +109,6 @@ impl Summary {
     /// Welding positions of the seam with this id.
     pub fn positions(&self, id: usize) -> &[Position] {
         self.seams.iter().find(|seam| seam.id == id).map_or(&[], |seam| &seam.positions)
-    }
-
-    /// Measured root opening of the seam with this id, mm.
-    pub fn root_opening_mm(&self, id: usize) -> Option<f64> {
-        self.seams.iter().find(|seam| seam.id == id)?.root_opening_mm
     }
 
     /// The file's text.
@@ -141,13 +134,7 @@ fn view(report: &ViewReport) -> View {
     }
 }
 
-fn seam_summary(
-    seam: &Seam,
-    plan: &Plan,
-    lines: &[SeamPath],
-    paths: &[SeamPath],
-    up: UnitVector3<f64>,
-) -> SeamSummary {
+fn seam_summary(seam: &Seam, lines: &[SeamPath], paths: &[SeamPath], up: UnitVector3<f64>) -> SeamSummary {
     let passes = || paths.iter().filter(|path| path.seam == seam.id);
     let welded = |path: &SeamPath| path.points.iter().filter(|point| point.process.weld).count();
     let order = lines.iter().position(|path| path.seam == seam.id);
@@ -163,19 +150,12 @@ fn seam_summary(
         passes: passes().count(),
         order: order.map(|k| k + 1),
         positions: positions(line, up, seam.joint == Joint::ButtV),
-        root_opening_mm: opening_mm(seam, plan),
         confidence: finite(seam.confidence),
         expected_error_mm: finite(seam.expected_error_mm),
         expected_error_deg: finite(seam.expected_error_deg),
         reason: seam.reason.clone(),
         warnings: seam.warnings.clone(),
     }
-}
-
-/// At the scale of the model's voxels.
-fn opening_mm(seam: &Seam, plan: &Plan) -> Option<f64> {
-    let voxel_mm = plan.derived.iter().find(|derived| derived.name == "voxel_mm")?.value;
-    root_opening_mm(seam, &plan.model, voxel_mm)
 }
 
 /// JSON has no infinity: what is unbounded is `null`.

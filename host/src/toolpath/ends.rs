@@ -2,11 +2,17 @@
 
 use nalgebra::{UnitQuaternion, Vector3};
 
+use super::resampling::arc_lengths_mm;
 use super::{PathPoint, Process, SeamPath, at};
 
 /// Adds `start_mm` before the start and `end_mm` beyond the end, welded; negative lengths shorten. An open path goes on
 /// straight, a closed one on its own line, so that it overlaps itself. What is shortened away altogether has no points.
 pub fn extend(path: &SeamPath, start_mm: f64, end_mm: f64) -> SeamPath {
+    if path.points.len() < 2 || start_mm == 0.0 && end_mm == 0.0 {
+        return path.clone();
+    }
+    let measured = path.points.iter().zip(arc_lengths_mm(&path.points));
+    let path = &path.with(measured.map(|(point, s_mm)| PathPoint { s_mm, ..*point }).collect());
     let [first, .., last] = path.points.as_slice() else { return path.clone() };
     let (from_mm, to_mm) = (first.s_mm - start_mm, last.s_mm + end_mm);
     if from_mm >= to_mm {
@@ -17,11 +23,22 @@ pub fn extend(path: &SeamPath, start_mm: f64, end_mm: f64) -> SeamPath {
     path.with(cut(&whole, from_mm, to_mm))
 }
 
-/// Adds `in_mm` before the start and `out_mm` beyond the end, along the travel there, with the arc off.
-pub fn lead(path: &SeamPath, in_mm: f64, out_mm: f64) -> SeamPath {
-    let (Some(before), Some(beyond)) = (before(path, in_mm.max(0.0)), beyond(path, out_mm.max(0.0))) else {
+/// Unit vectors along the travel at the start and at the end; none for a path that goes nowhere.
+pub fn directions(path: &SeamPath) -> Option<[Vector3<f64>; 2]> {
+    let [first, next, ..] = path.points.as_slice() else { return None };
+    let [.., previous, last] = path.points.as_slice() else { return None };
+    let ahead = |a: &PathPoint, b: &PathPoint| (b.position_mm - a.position_mm).try_normalize(1e-9);
+    Some([ahead(first, next)?, ahead(previous, last)?])
+}
+
+/// Adds `in_mm` before the start and `out_mm` beyond the end, along `directions`, with the arc off. The directions are
+/// those of the line: a weave goes another way at its ends.
+pub fn lead(path: &SeamPath, directions: &[Vector3<f64>; 2], in_mm: f64, out_mm: f64) -> SeamPath {
+    let ([first, ..], [.., last]) = (path.points.as_slice(), path.points.as_slice()) else {
         return path.clone();
     };
+    let before = along(first, &directions[0], -in_mm);
+    let beyond = along(last, &directions[1], out_mm);
     let cold =
         |point: PathPoint| PathPoint { process: Process { weld: false, ..Process::default() }, ..point };
     let mut points: Vec<PathPoint> = Vec::with_capacity(path.points.len() + 2);
@@ -60,34 +77,23 @@ pub fn reverse(path: &SeamPath) -> SeamPath {
     path.with(turned.collect())
 }
 
-/// The pose `length_mm` before the first, straight back.
-fn before(path: &SeamPath, length_mm: f64) -> Option<PathPoint> {
-    let (first, next) = (path.points.first()?, path.points.get(1)?);
-    let ahead = (next.position_mm - first.position_mm).try_normalize(1e-9)?;
-    Some(PathPoint {
-        s_mm: first.s_mm - length_mm,
-        position_mm: first.position_mm - ahead * length_mm,
-        ..*first
-    })
-}
-
-/// The pose `length_mm` beyond the last, straight on.
-fn beyond(path: &SeamPath, length_mm: f64) -> Option<PathPoint> {
-    let [.., previous, last] = path.points.as_slice() else { return None };
-    let ahead = (last.position_mm - previous.position_mm).try_normalize(1e-9)?;
-    Some(PathPoint {
-        s_mm: last.s_mm + length_mm,
-        position_mm: last.position_mm + ahead * length_mm,
-        ..*last
-    })
+/// The pose moved along a direction; its `s_mm` goes with it.
+fn along(point: &PathPoint, direction: &Vector3<f64>, by_mm: f64) -> PathPoint {
+    let position_mm = point.position_mm + direction * by_mm;
+    PathPoint { s_mm: point.s_mm + by_mm, position_mm, ..*point }
 }
 
 /// An open path with what is missing at its ends.
 fn straight_on(path: &SeamPath, from_mm: f64, to_mm: f64) -> Vec<PathPoint> {
-    let (first_mm, last_mm) = (path.points[0].s_mm, path.points[path.points.len() - 1].s_mm);
+    let Some([start, end]) = directions(path) else { return path.points.clone() };
+    let (first, last) = (path.points[0], path.points[path.points.len() - 1]);
     let mut whole = path.points.clone();
-    whole.splice(0..0, before(path, first_mm - from_mm).filter(|_| from_mm < first_mm));
-    whole.extend(beyond(path, to_mm - last_mm).filter(|_| to_mm > last_mm));
+    if from_mm < first.s_mm {
+        whole.insert(0, along(&first, &start, from_mm - first.s_mm));
+    }
+    if to_mm > last.s_mm {
+        whole.push(along(&last, &end, to_mm - last.s_mm));
+    }
     whole
 }
 
@@ -129,6 +135,10 @@ mod tests {
             process: Process::default(),
         };
         SeamPath { seam: 1, points: (0..=10).map(at).collect() }
+    }
+
+    fn ahead() -> [Vector3<f64>; 2] {
+        directions(&line()).unwrap()
     }
 
     fn circle() -> SeamPath {
@@ -178,16 +188,25 @@ mod tests {
 
     #[test]
     fn leads_are_straight_and_cold() {
-        let led = lead(&line(), 6.0, 2.0);
+        let led = lead(&line(), &ahead(), 6.0, 2.0);
         assert_eq!(ends_mm(&led), [Point3::new(5.0, -6.0, 1.0), Point3::new(5.0, 22.0, 1.0)]);
         let welds: Vec<bool> = led.points.iter().map(|p| p.process.weld).collect();
         assert!(!welds[0] && !welds[12] && welds[1..12].iter().all(|weld| *weld));
-        assert_eq!(lead(&line(), 0.0, 0.0).points, line().points);
+        assert_eq!(lead(&line(), &ahead(), 0.0, 0.0).points, line().points);
+    }
+
+    #[test]
+    fn directions_are_those_of_the_travel_at_both_ends() {
+        assert_eq!(ahead(), [Vector3::y(); 2]);
+        let [start, end] =
+            directions(&SeamPath { seam: 1, points: circle().points[..=90].to_vec() }).unwrap();
+        assert!((start - Vector3::y()).norm() < 0.01 && (end + Vector3::x()).norm() < 0.01);
+        assert_eq!(directions(&SeamPath { seam: 1, points: vec![line().points[0]; 2] }), None);
     }
 
     #[test]
     fn the_torch_stands_at_both_ends_of_every_welded_stretch_and_nowhere_else() {
-        let mut path = lead(&line(), 6.0, 0.0);
+        let mut path = lead(&line(), &ahead(), 6.0, 0.0);
         path.points[5].process.weld = false;
         let once = dwell(path, 0.4, 0.7);
         let dwells: Vec<_> =

@@ -212,7 +212,7 @@ const MOST_FEED_MM_S: f64 = 250.0;
 mod tests {
     use super::*;
     use crate::toolpath::Process;
-    use crate::toolpath::ends::lead;
+    use crate::toolpath::ends::{directions, lead};
     use nalgebra::Vector3;
 
     const MOTION: Motion = Motion {
@@ -329,7 +329,8 @@ mod tests {
 
     #[test]
     fn leads_are_on_the_line_without_an_arc() {
-        let waypoints = of(&[lead(&line(1, 0.0, 0.0), 7.0, 3.0)]).waypoints;
+        let line = line(1, 0.0, 0.0);
+        let waypoints = of(&[lead(&line, &directions(&line).unwrap(), 7.0, 3.0)]).waypoints;
         let on_line: Vec<_> = waypoints.iter().filter(|w| w.position_mm.z == 0.0).collect();
         let (first, last) = (on_line[0], on_line[on_line.len() - 1]);
         assert_eq!((first.kind, first.weld, first.position_mm.y), (Kind::Approach, false, -7.0));

@@ -1,7 +1,7 @@
 //! How one pass is welded: every path modifier in the order in which they are applied.
 
 use super::cornering::{Corner, corner};
-use super::ends::{dwell, extend, lead, reverse};
+use super::ends::{directions, dwell, extend, lead, reverse};
 use super::offset::offset;
 use super::resampling::{Sampling, resample};
 use super::standoff::standoff;
@@ -83,6 +83,7 @@ pub fn apply(path: &SeamPath, recipe: &Recipe) -> SeamPath {
     let path = corner(&path, recipe.corner);
     let across_mm = if recipe.reverse { -recipe.across_mm } else { recipe.across_mm };
     let path = offset(path, across_mm, recipe.out_mm);
+    let ends = directions(&path);
     let path = recipe.weave.map_or_else(|| path.clone(), |w| weave(&path, &w));
     let path = angles::work_angle(path, recipe.work_angle_rad);
     let path = angles::travel_angle(path, recipe.travel_angle_rad);
@@ -90,5 +91,57 @@ pub fn apply(path: &SeamPath, recipe: &Recipe) -> SeamPath {
     let path = standoff(path, recipe.standoff_mm);
     let path = recipe.stitch.map_or_else(|| path.clone(), |(mm, stitches)| stitch(&path, mm, stitches));
     let path = dwell(path, recipe.start_dwell_s, recipe.end_dwell_s);
-    lead(&path, recipe.lead_in_mm, recipe.lead_out_mm)
+    ends.map_or_else(|| path.clone(), |ends| lead(&path, &ends, recipe.lead_in_mm, recipe.lead_out_mm))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::toolpath::weave::Shape;
+    use crate::toolpath::{PathPoint, Process};
+    use nalgebra::{Matrix3, Point3, Rotation3, UnitQuaternion, Vector3};
+
+    /// Along +x on a level table, 40 mm; right of the travel is -y.
+    fn line() -> SeamPath {
+        let axes = Matrix3::from_columns(&[-Vector3::y(), Vector3::x(), Vector3::z()]);
+        let base_from_torch = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(axes));
+        let at = |i: i32| PathPoint {
+            s_mm: f64::from(i),
+            position_mm: Point3::new(f64::from(i), 0.0, 0.0),
+            base_from_torch,
+            process: Process::default(),
+        };
+        SeamPath { seam: 1, points: (0..=40).map(at).collect() }
+    }
+
+    #[test]
+    fn a_recipe_of_nothing_changes_nothing() {
+        assert_eq!(apply(&line(), &Recipe::default()), line());
+    }
+
+    #[test]
+    fn a_lead_follows_the_line_and_not_the_weave() {
+        let weave = Weave {
+            shape: Shape::Zigzag,
+            amplitude_mm: 3.0,
+            wavelength_mm: 4.0,
+            height_mm: 0.0,
+            dwell_left_s: 0.0,
+            dwell_right_s: 0.0,
+        };
+        let recipe = Recipe { weave: Some(weave), lead_in_mm: 9.0, lead_out_mm: 5.0, ..Recipe::default() };
+        let points = apply(&line(), &recipe).points;
+        let ends = [points[0].position_mm, points[points.len() - 1].position_mm];
+        assert!((ends[0] - Point3::new(-9.0, 0.0, 0.0)).norm() < 1e-9, "{ends:?}");
+        assert!((ends[1] - Point3::new(45.0, 0.0, 0.0)).norm() < 1e-9, "{ends:?}");
+    }
+
+    #[test]
+    fn a_reversed_pass_lies_on_the_same_side_of_the_seam() {
+        for reverse in [false, true] {
+            let pass = apply(&line(), &Recipe { reverse, across_mm: 4.0, ..Recipe::default() });
+            assert!(pass.points.iter().all(|point| (point.position_mm.y + 4.0).abs() < 1e-9));
+            assert_eq!(pass.points[0].position_mm.x > 20.0, reverse);
+        }
+    }
 }
