@@ -1,17 +1,22 @@
 //! Command line: subcommands, exit codes, and how a failure is told.
 
+mod completions;
 mod evaluate;
+mod help;
 mod keys;
 mod monitor;
 mod pendant;
 mod plan;
 mod port;
 mod progress;
+mod refit;
 mod scan;
+mod schema;
 mod score;
 mod simulate;
 mod stream;
 mod table;
+mod weld;
 
 use std::io::Write;
 use std::process::ExitCode;
@@ -33,25 +38,39 @@ pub(crate) struct Cli {
 enum Command {
     Plan(Box<plan::Args>),
     Simulate(simulate::Args),
+    Refit(refit::Args),
     Evaluate(evaluate::Args),
     Stream(stream::Args),
     Monitor(monitor::Args),
     Pendant(pendant::Args),
     Scan(scan::Args),
     Score(score::Args),
+    Completions(completions::Args),
+    Schema(schema::Args),
+}
+
+/// Reads the command line and does what it says.
+pub(crate) fn start() -> ExitCode {
+    match help::parse() {
+        Ok(cli) => run(&cli),
+        Err(exit) => exit,
+    }
 }
 
 /// Runs a subcommand and tells a failure in words on standard error.
-pub(crate) fn run(cli: Cli) -> ExitCode {
+fn run(cli: &Cli) -> ExitCode {
     let result = match &cli.command {
         Command::Plan(args) => plan::run(args),
         Command::Simulate(args) => simulate::run(args),
+        Command::Refit(args) => refit::run(args),
         Command::Evaluate(args) => evaluate::run(args),
         Command::Stream(args) => stream::run(args),
         Command::Monitor(args) => monitor::run(args),
         Command::Pendant(args) => pendant::run(args),
         Command::Scan(args) => scan::run(args),
         Command::Score(args) => score::run(args),
+        Command::Completions(args) => completions::run(args),
+        Command::Schema(args) => schema::run(args),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
@@ -92,6 +111,11 @@ impl Failure {
     fn hint(self, hint: impl Into<String>) -> Self {
         Self { hint: Some(hint.into()), ..self }
     }
+}
+
+/// A whole number of the command line.
+fn whole<T: std::str::FromStr>(text: &str) -> Result<T, String> {
+    text.trim().parse().map_err(|_| format!("{text:?} is not a whole number that fits here, as in 3"))
 }
 
 /// Prints a result. A reader that has gone away (`| head`) has seen what it wanted.

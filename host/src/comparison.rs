@@ -20,9 +20,9 @@ use crate::export::directory::File;
 use crate::export::summary::Source;
 use crate::job::Job;
 use crate::pipeline::{self, Plan};
+use crate::postprocessing;
 use crate::postprocessing::postprocess;
 use crate::scan;
-use crate::selection;
 use crate::simulation::{self, Part, Request};
 use crate::teleop::{self, Twin, generator};
 
@@ -55,9 +55,9 @@ pub enum Error {
         /// Why.
         source: pipeline::Error,
     },
-    /// A seam that was asked for is not there.
+    /// A plan leads to no files.
     #[error(transparent)]
-    Selection(#[from] selection::Error),
+    Files(#[from] postprocessing::Error),
     /// No place for the simulated scans.
     #[error("no temporary folder: {0}")]
     Temporary(std::io::Error),

@@ -1,34 +1,36 @@
 //! The job: every setting of a run, from `job.toml` and the command line. Reference: `docs/formats.md`.
 //!
 //! A key that is not known, a value out of range or a wrong type is refused with its line, the reason and the nearest
-//! right name. The effective job of a run is written next to its results and replays to the same path.
+//! right name ([`refusal`]). The effective job of a run is written next to its results and replays to the same path.
+//! How a weld is made is a [`layer`]: the whole job's, a seam's own on top of it, and a pass's on top of that.
 
+pub mod layer;
 pub mod quantity;
+pub mod refusal;
 pub mod robot;
 
 use std::path::{Path, PathBuf};
 
 use nalgebra::Isometry3;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::export::robot::{self as dialect, Robot};
 use crate::export::urscript;
 use crate::feasibility;
 use crate::pipeline;
-use crate::toolpath::program::Motion;
-use crate::toolpath::resampling::Sampling;
-use quantity::{
-    AirFeedMmS, ApproachMm, ClearanceMm, FeedMmS, Input, Output, PayloadKg, Points, RatioThreshold,
-    SpacingMm, StandoffMm, TimeS,
+pub use layer::{
+    PassSettings, PathSettings, SeamSettings, StitchSettings, TorchSettings, WeaveSettings, Weld,
 };
+use quantity::{Input, Output, PayloadKg, ProgramName, RatioThreshold, TimeS};
+pub use refusal::Error;
 use robot::{RobotSettings, TorchBodySettings};
 
 /// Where the tip is assumed for the feasibility check if there is no `[tool]`: straight ahead of the flange, mm.
 pub const ASSUMED_TCP_MM: f64 = 350.0;
-/// Spacing of the waypoints when nothing else is said, mm.
-const DEFAULT_SPACING_MM: f64 = 2.0;
 
 /// Unit of a cloud whose file does not say it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum Units {
     /// Metres.
@@ -41,7 +43,7 @@ pub enum Units {
 }
 
 /// How seams are found.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum Method {
     /// The whole pipeline.
@@ -52,7 +54,7 @@ pub enum Method {
 }
 
 /// Everything that decides what a run computes.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Job {
     /// Folder with `scan.json`, or one cloud; relative to the job file.
@@ -62,13 +64,23 @@ pub struct Job {
     pub units: Units,
     /// How seams are found.
     pub method: Method,
-    /// Threshold `t` of eq. (16), for [`Method::Paper`].
+    /// Threshold `t` of eq. (16), for the method of the paper.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ratio_threshold: Option<RatioThreshold>,
+    /// Whose programs are written.
+    pub formats: Formats,
     /// Which of the seams are welded.
     pub selection: Selection,
-    /// How the torch moves.
+    /// In which order the seams are welded.
+    pub order: OrderSettings,
+    /// How the torch moves along a seam.
     pub path: PathSettings,
+    /// How the torch leans.
+    pub torch: TorchSettings,
+    /// How the tip swings.
+    pub weave: WeaveSettings,
+    /// Whether only stretches are welded.
+    pub stitch: StitchSettings,
     /// The arc's switches and times.
     pub arc: ArcSettings,
     /// The tool; without it the robot controller's own setting holds.
@@ -80,10 +92,40 @@ pub struct Job {
     /// Sizes of the torch; without it and without a robot, collisions are not checked.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub torch_body: Option<TorchBodySettings>,
+    /// Names and numbers in the robot programs.
+    pub program: ProgramSettings,
+    /// Passes of every seam, in their order; without any, one pass on the seam's line.
+    #[serde(rename = "pass", skip_serializing_if = "Vec::is_empty")]
+    pub passes: Vec<PassSettings>,
+    /// What single seams have of their own.
+    #[serde(rename = "seam", skip_serializing_if = "Vec::is_empty")]
+    pub seams: Vec<SeamSettings>,
+}
+
+/// Robots whose programs are written; URScript when nothing is said.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct Formats(pub Vec<Robot>);
+
+impl Default for Formats {
+    fn default() -> Self {
+        Self(vec![Robot::default()])
+    }
+}
+
+/// `[program]`.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct ProgramSettings {
+    /// Of programs, and of the files of dialects in which the two are one.
+    pub name: ProgramName,
+    /// Number of the tool on controllers that number them.
+    pub tool_number: quantity::ToolNumber,
+    /// Number of the weld data on controllers that keep it themselves.
+    pub weld_schedule: quantity::WeldSchedule,
 }
 
 /// `[selection]`: a seam is welded if it passes all that is given.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Selection {
     /// Ids; empty takes all.
@@ -96,32 +138,29 @@ pub struct Selection {
     pub roi_mm: Option<quantity::Region>,
 }
 
-/// `[path]`.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+/// `[order]`: which seam comes next, and which way is up.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct PathSettings {
-    /// Distance of the tip from the seam along the torch axis.
-    pub standoff_mm: StandoffMm,
-    /// Spacing of the waypoints; not together with `points`.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub spacing_mm: Option<SpacingMm>,
-    /// Waypoints of each seam; not together with `spacing_mm`.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub points: Option<Points>,
-    /// Weld speed.
-    pub feed_mm_s: FeedMmS,
-    /// Distance of approach and retract.
-    pub approach_mm: ApproachMm,
-    /// Speed from the approach to the seam and off it.
-    pub approach_feed_mm_s: quantity::ApproachFeedMmS,
-    /// Speed of air moves.
-    pub air_feed_mm_s: AirFeedMmS,
-    /// Height of air moves over the model.
-    pub clearance_mm: ClearanceMm,
+pub struct OrderSettings {
+    /// Which seam comes next.
+    pub sequence: Sequence,
+    /// Against gravity, base frame; any length. For vertical-up, vertical-down and the names of welding positions.
+    pub up: quantity::Up,
+}
+
+/// Which seam comes next.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum Sequence {
+    /// Least air way; seams whose direction is free may be turned round.
+    #[default]
+    Shortest,
+    /// By id; none is turned round unless its `direction` says so.
+    Found,
 }
 
 /// `[arc]`.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct ArcSettings {
     /// Digital output that starts the power source.
@@ -143,7 +182,7 @@ pub struct ArcSettings {
 }
 
 /// `[tool]`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ToolSettings {
     /// Tip of the wire in the flange's frame.
@@ -155,43 +194,6 @@ pub struct ToolSettings {
     /// Centre of that mass in the flange's frame.
     #[serde(default)]
     pub payload_centre_mm: quantity::Place,
-}
-
-/// Why a job file is refused.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum Error {
-    /// The file cannot be read at all.
-    #[error("cannot read job file {}: {why}", path.display())]
-    Unreadable {
-        /// The file.
-        path: PathBuf,
-        /// What the system said.
-        why: String,
-    },
-    /// A line of it makes no sense.
-    #[error("{}:{line}: {why}", path.display())]
-    Line {
-        /// The file.
-        path: PathBuf,
-        /// Counted from 1.
-        line: usize,
-        /// What is wrong, in words.
-        why: String,
-        /// What to write instead.
-        hint: String,
-    },
-}
-
-impl Error {
-    /// What to do about it.
-    pub fn hint(&self) -> &str {
-        match self {
-            Self::Unreadable { .. } => {
-                "every run of `weldpath plan` writes a complete job.toml to start from"
-            }
-            Self::Line { hint, .. } => hint,
-        }
-    }
 }
 
 impl Job {
@@ -207,40 +209,33 @@ impl Job {
 
     /// Parses the text of the job file at `path`, which is only named in errors.
     pub fn parse(text: &str, path: &Path) -> Result<Self, Error> {
-        let job: Self = toml::from_str(text).map_err(|error| line_error(text, path, &error))?;
-        let refuse = |key: &str, why: &str, hint: &str| {
-            let line = 1 + text.lines().position(|line| line.trim_start().starts_with(key)).unwrap_or(0);
-            Err(Error::Line { path: path.into(), line, why: why.into(), hint: hint.into() })
-        };
-        if job.path.spacing_mm.is_some() && job.path.points.is_some() {
-            return refuse("points", "spacing_mm and points exclude each other", "keep one of the two lines");
-        }
-        if job.ratio_threshold.is_some() && job.method == Method::Weldpath {
-            return refuse(
-                "ratio_threshold",
-                "only the paper's method has a ratio_threshold",
-                "add method = \"paper\", or leave the threshold to be found from the data",
-            );
-        }
-        let faults =
-            [job.robot.as_ref().and_then(RobotSettings::fault), job.torch_body.and_then(|t| t.fault())];
-        if let Some((key, why)) = faults.into_iter().flatten().next() {
-            return refuse(key, &why, "docs/feasibility.md lists the keys of [robot] and [torch_body]");
-        }
+        let job: Self = toml::from_str(text).map_err(|error| refusal::of_toml(text, path, &error))?;
+        refusal::check(&job, text, path)?;
         Ok(job)
     }
 
     /// The job as a file that plans the same; what was left to a default is written out.
     pub fn to_toml(&self) -> String {
-        let mut job = self.clone();
-        if let Sampling::SpacingMm(spacing_mm) = self.sampling() {
-            job.path.spacing_mm = spacing_mm.try_into().ok();
-        }
-        if self.method == Method::Paper {
-            job.ratio_threshold = Some(self.ratio_threshold.unwrap_or_default());
-        }
+        let Weld { path, torch, weave, stitch, .. } = self.weld().filled();
+        let ratio_threshold = match self.method {
+            Method::Paper => Some(self.ratio_threshold.unwrap_or_default()),
+            Method::Weldpath => self.ratio_threshold,
+        };
+        let job = Self { ratio_threshold, path, torch, weave, stitch, ..self.clone() };
         // Every type in it has a TOML form.
         toml::to_string(&job).unwrap_or_default()
+    }
+
+    /// The JSON schema of a job file, for editors.
+    pub fn schema() -> String {
+        let schema = schemars::schema_for!(Self);
+        serde_json::to_string_pretty(&schema).map(|text| text + "\n").unwrap_or_default()
+    }
+
+    /// How every seam is welded that has nothing of its own.
+    pub fn weld(&self) -> Weld {
+        let (path, torch, weave, stitch) = (self.path, self.torch, self.weave, self.stitch);
+        Weld { path, torch, weave, stitch, passes: self.passes.clone() }
     }
 
     /// The settings of the pipeline.
@@ -253,25 +248,6 @@ impl Job {
             }
         };
         pipeline::Config { method, ..pipeline::Config::default() }
-    }
-
-    /// How densely the paths are sampled.
-    pub fn sampling(&self) -> Sampling {
-        match (self.path.points, self.path.spacing_mm) {
-            (Some(points), _) => Sampling::Points(points.get() as usize),
-            (None, spacing) => Sampling::SpacingMm(spacing.map_or(DEFAULT_SPACING_MM, SpacingMm::get)),
-        }
-    }
-
-    /// How the torch moves.
-    pub fn motion(&self) -> Motion {
-        Motion {
-            feed_mm_s: self.path.feed_mm_s.get(),
-            approach_feed_mm_s: self.path.approach_feed_mm_s.get(),
-            air_feed_mm_s: self.path.air_feed_mm_s.get(),
-            approach_mm: self.path.approach_mm.get(),
-            clearance_mm: self.path.clearance_mm.get(),
-        }
     }
 
     /// What the feasibility check needs; none if neither a robot nor a torch is given.
@@ -310,33 +286,23 @@ impl Job {
         };
         urscript::Settings { tool, arc }
     }
-}
 
-fn line_error(text: &str, path: &Path, error: &toml::de::Error) -> Error {
-    let line = line_of(text, error.span().map_or(0, |span| span.start));
-    let why = error.message().to_owned();
-    let hint = nearest_name(&why).map_or_else(
-        || "docs/formats.md lists every key with its unit and range".to_owned(),
-        |name| format!("did you mean `{name}`?"),
-    );
-    Error::Line { path: path.into(), line, why, hint }
-}
-
-/// Of "unknown field `a`, expected one of `b`, `c`" the name most like `a`.
-fn nearest_name(message: &str) -> Option<&str> {
-    let unknown = message.starts_with("unknown");
-    let mut names = message.split('`').skip(1).step_by(2);
-    let wrong = names.next().filter(|_| unknown)?;
-    names.max_by(|a, b| strsim::jaro_winkler(wrong, a).total_cmp(&strsim::jaro_winkler(wrong, b)))
-}
-
-fn line_of(text: &str, byte: usize) -> usize {
-    1 + text.bytes().take(byte).filter(|&b| b == b'\n').count()
+    /// What the robot programs need beside the path.
+    pub fn robot(&self) -> dialect::Settings {
+        dialect::Settings {
+            name: self.program.name.to_string(),
+            tool_number: self.program.tool_number.get(),
+            weld_schedule: self.program.weld_schedule.get(),
+            controller: self.controller(),
+        }
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::toolpath::resampling::Sampling;
+    use crate::toolpath::stitching::Stitches;
 
     const FULL: &str = r#"
 input = "scan"
@@ -378,9 +344,9 @@ neck_deg = 22
         for text in ["", FULL, "method = \"paper\""] {
             let job = Job::parse(text, Path::new("job.toml")).unwrap();
             let again = Job::parse(&job.to_toml(), Path::new("job.toml")).unwrap();
-            assert_eq!(job.sampling(), again.sampling());
+            assert_eq!(job.weld().filled(), again.weld().filled());
             assert_eq!(job.pipeline().method, again.pipeline().method);
-            assert_eq!((job.motion(), job.controller()), (again.motion(), again.controller()));
+            assert_eq!(job.controller(), again.controller());
             assert_eq!(job.selection, again.selection);
             assert_eq!((&job.robot, job.torch_body), (&again.robot, again.torch_body));
             assert_eq!(job.to_toml(), again.to_toml());
@@ -400,24 +366,84 @@ neck_deg = 22
     #[test]
     fn settings_arrive_where_they_are_used() {
         let job = Job::parse(FULL, Path::new("job.toml")).unwrap();
-        assert_eq!(job.sampling(), Sampling::Points(120));
-        assert_eq!(job.motion().feed_mm_s, 6.5);
+        assert_eq!(job.weld().sampling(), Sampling::Points(120));
+        assert_eq!(job.weld().motion().feed_mm_s, 6.5);
         let controller = job.controller();
         assert_eq!((controller.arc.output, controller.arc.established_input), (3, Some(1)));
         assert_eq!(controller.tool.unwrap().flange_from_tcp_mm, [0.0, -50.0, 300.0]);
-        assert_eq!(Job::default().sampling(), Sampling::SpacingMm(2.0));
-        assert_eq!(Job::default().motion().feed_mm_s, 8.0);
-        assert_eq!(Job::default().motion().approach_mm, 50.0);
+        let default = Job::default().weld();
+        assert_eq!(default.sampling(), Sampling::SpacingMm(2.0));
+        assert_eq!((default.motion().feed_mm_s, default.motion().retract_mm), (8.0, 50.0));
     }
 
     #[test]
     fn an_unknown_key_is_named_with_its_line_and_the_nearest_right_one() {
         let (line, why, hint) = refused("units = \"mm\"\n[path]\nfeed_m_s = 0.008\n");
-        assert_eq!((line, hint.as_str()), (3, "did you mean `feed_mm_s`?"));
+        assert_eq!(line, 3);
+        assert_eq!(hint, "did you mean `feed_mm_s`? It is in millimetres per second; convert the number");
         assert!(why.contains("feed_m_s"));
         assert_eq!(refused("unit = \"mm\"").2, "did you mean `units`?");
         assert_eq!(refused("units = \"inch\"").0, 1);
         assert_eq!(refused("\n[arcs]\noutput = 1").2, "did you mean `arc`?");
+    }
+
+    #[test]
+    fn a_key_in_another_unit_is_told_the_right_one() {
+        for (text, line, hint) in [
+            ("[torch]\n\nwork_angle_rad = 0.2", 3, "`work_angle_deg`? It is in degrees"),
+            ("[path]\nfeed_mm_min = 480", 2, "`feed_mm_s`? It is in millimetres per second"),
+            ("[path]\nlead_in_cm = 1", 2, "`lead_in_mm`? It is in millimetres"),
+            ("[path]\nend_dwell_ms = 300", 2, "`end_dwell_s`? It is in seconds"),
+            ("[weave]\ndwell_left_ms = 300", 2, "`dwell_left_s`? It is in seconds"),
+            ("[path]\nfeed_mm_s = \"8 mm/s\"", 2, "without quotes"),
+        ] {
+            let refused = refused(text);
+            assert_eq!(refused.0, line, "{text}");
+            assert!(refused.2.contains(hint), "{text}: {}", refused.2);
+        }
+    }
+
+    #[test]
+    fn a_key_in_the_wrong_table_is_sent_to_the_right_one() {
+        for (text, hint) in [
+            ("feed_mm_s = 8", "`feed_mm_s` belongs in [path]"),
+            ("[path]\ntravel_angle_deg = 8", "`travel_angle_deg` belongs in [torch]"),
+            ("[[seam]]\nid = 1\namplitude_mm = 2", "`amplitude_mm` belongs in [weave]"),
+            ("[weave]\nshpae = \"sine\"", "did you mean `shape`?"),
+            ("[weave]\nshape = \"zig-zag\"", "did you mean `zigzag`?"),
+        ] {
+            assert_eq!(refused(text).2, hint, "{text}");
+        }
+    }
+
+    #[test]
+    fn what_a_pass_says_lies_on_the_seam_and_that_on_the_job() {
+        let text = "[path]\nfeed_mm_s = 7\nspacing_mm = 3\n[torch]\nwork_angle_deg = 10\ntravel_angle_deg = 5\n\
+                    [[seam]]\nid = 2\npath.points = 40\ntorch.travel_angle_deg = -5\n\
+                    [[seam.pass]]\n[[seam.pass]]\nout_mm = 3\ntorch.work_angle_deg = 0\npath.feed_mm_s = 6\n\
+                    stitch = { pattern = \"tacks\", count = 4, length_mm = 9 }";
+        let job = Job::parse(text, Path::new("job.toml")).unwrap();
+        assert_eq!(job.weld().sampling(), Sampling::SpacingMm(3.0));
+        let weld = job.seams[0].weld().on(&job.weld());
+        assert_eq!(weld.sampling(), Sampling::Points(40), "the upper layer's way to say it holds");
+        let [(root, slow), (cap, slower)] = weld.passes().try_into().unwrap();
+        assert_eq!((slow.feed_mm_s, slower.feed_mm_s), (7.0, 6.0));
+        assert_eq!((root.out_mm, cap.out_mm), (0.0, 3.0));
+        assert_eq!([root.work_angle_rad, cap.work_angle_rad], [10f64.to_radians(), 0.0]);
+        assert_eq!([root.travel_angle_rad, cap.travel_angle_rad], [-(5f64.to_radians()); 2]);
+        assert_eq!((root.stitch, cap.stitch), (None, Some((9.0, Stitches::Count(4)))));
+        let again = Job::parse(&job.to_toml(), Path::new("job.toml")).unwrap();
+        assert_eq!(again.seams, job.seams);
+    }
+
+    #[test]
+    fn a_weave_frequency_is_a_wavelength_at_the_feed() {
+        let weave =
+            |text| Job::parse(text, Path::new("job.toml")).unwrap().weld().passes()[0].0.weave.unwrap();
+        let by_frequency = weave("[path]\nfeed_mm_s = 6\n[weave]\nshape = \"sine\"\nfrequency_hz = 2");
+        assert_eq!((by_frequency.wavelength_mm, by_frequency.amplitude_mm), (3.0, 2.0));
+        let triangle = weave("[weave]\nshape = \"triangle\"\namplitude_mm = 3");
+        assert_eq!((triangle.height_mm, triangle.wavelength_mm), (3.0, 4.0));
     }
 
     #[test]
@@ -432,6 +458,10 @@ neck_deg = 22
             ("[arc]\noutput = 8", "at most 7"),
             ("[arc]\noutput = true", "boolean"),
             ("[selection]\nnear_mm = [1, 2]", "length"),
+            ("[torch]\nwork_angle_deg = 95", "at most 80 deg"),
+            ("[order]\nup = [0, 0, 0]", "zero"),
+            ("[[pass]]\nout_mm = 1000", "100 mm"),
+            ("[stitch]\ncount = 0", "at least 1"),
             ("[selection]\nroi_mm = [[0, 0, 0], [1, -1, 1]]", "first corner"),
             ("[robot]\nmodel = \"ur6\"", "did you mean"),
             ("[torch_body]\nneck_deg = 120", "not -90 to 90"),
@@ -446,6 +476,11 @@ neck_deg = 22
     fn settings_that_exclude_each_other_are_refused() {
         assert_eq!(refused("[path]\nspacing_mm = 2\npoints = 9").0, 3);
         assert_eq!(refused("units = \"m\"\nratio_threshold = 60").0, 2);
+        let (line, why, _) = refused("[weave]\nwavelength_mm = 2\nfrequency_hz = 9");
+        assert_eq!((line, why.as_str()), (3, "wavelength_mm and frequency_hz exclude each other"));
+        assert_eq!(refused("\n[[seam]]\npath.spacing_mm = 2").0, 2, "a seam without a name");
+        assert_eq!(refused("[[seam]]\nid = 1\nnear_mm = [1, 2, 3]").0, 1);
+        assert_eq!(refused("[[seam]]\nid = 1\npath.spacing_mm = 2\npath.points = 9").0, 4);
     }
 
     #[test]

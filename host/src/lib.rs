@@ -22,6 +22,7 @@ pub mod orientation;
 pub mod pipeline;
 pub mod postprocessing;
 pub mod reconstruction;
+pub mod refit;
 pub mod scan;
 pub mod seam;
 pub mod selection;

@@ -1,21 +1,26 @@
 //! From a plan to what a run leaves behind: selection, path modifiers, the program, and the files.
 
+use std::collections::BTreeSet;
+
 use crate::export::directory::File;
 use crate::export::summary::{Source, Summary};
-use crate::export::{csv, feasibility as feasibility_csv, json, ply, urscript};
+use crate::export::{csv, feasibility as feasibility_csv, json, moves, ply, robot};
 use crate::feasibility::{self, Report};
-use crate::job::{ASSUMED_TCP_MM, Job, Method};
+use crate::job::layer::{Direction, Weld};
+use crate::job::{ASSUMED_TCP_MM, Job, Method, Sequence};
 use crate::pipeline::Plan;
 use crate::selection::{self, select};
 use crate::toolpath::SeamPath;
-use crate::toolpath::program::{Program, program};
-use crate::toolpath::resampling::resample;
-use crate::toolpath::standoff::standoff;
+use crate::toolpath::air::Surroundings;
+use crate::toolpath::ends::reverse;
+use crate::toolpath::ordering::{self, Gates, Turn, Way, uphill};
+use crate::toolpath::program::{Pass, Program, Waypoint, program};
+use crate::toolpath::recipe::{Recipe, apply};
 
 /// What a run leaves behind.
 #[derive(Debug)]
 pub struct Output {
-    /// The selected seams' paths as they are written.
+    /// The selected seams' paths, one for each pass, in the order in which they are welded.
     pub paths: Vec<SeamPath>,
     /// The complete program.
     pub program: Program,
@@ -25,49 +30,142 @@ pub struct Output {
     pub files: Vec<File>,
 }
 
+/// Why a plan leads to no files.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The selection leaves nothing.
+    #[error(transparent)]
+    Selection(#[from] selection::Error),
+    /// A seam that is too long for one of the robots' programs.
+    #[error(transparent)]
+    TooLong(#[from] moves::TooLong),
+}
+
 /// Everything that follows from `plan` and `job`; writes nothing.
-pub fn postprocess(plan: &Plan, job: &Job, source: Source) -> Result<Output, selection::Error> {
-    let paths = modified(&select(&plan.paths, &job.selection)?, job);
-    let program = program(&paths, &plan.model, &job.motion());
+pub fn postprocess(plan: &Plan, job: &Job, source: Source) -> Result<Output, Error> {
+    let seams = ordered(select(&plan.paths, &job.selection)?, plan, job)?;
+    let passes: Vec<Pass> = seams.iter().flat_map(|(path, weld)| passes(path, weld, job.method)).collect();
+    let program = program(&passes, &plan.model);
     let mut warnings = plan.warnings.clone();
+    warnings.extend(passes.iter().filter_map(shortened_away));
     warnings.extend(program.warnings.iter().cloned());
     warnings.extend(tool_warning(job));
-    let feasibility = feasibility(plan, job, &paths);
+    let feasibility = feasibility(plan, job, &passes);
     warnings.extend(feasibility.iter().flat_map(Report::warnings));
-    let summary = Summary::new(plan, source, &paths, warnings).with_feasibility(feasibility.as_ref());
-    let mut files = vec![
-        File::new("path.csv", csv::write(&paths)),
-        File::new("path.json", json::write(&program.waypoints)),
-        File::new("path.script", urscript::write(&program.waypoints, &job.controller())),
-        File::new("model.ply", ply::write(&plan.model)),
-        File::new("job.toml", job.to_toml()),
-        File::new("summary.json", summary.to_json()),
-    ];
+    let paths: Vec<SeamPath> = passes.into_iter().map(|pass| pass.path).collect();
+    let lines: Vec<SeamPath> = seams.into_iter().map(|(path, _)| path).collect();
+    let summary = Summary::new(plan, source, &lines, &paths, job.order.up.get(), warnings)
+        .with_feasibility(feasibility.as_ref());
+    let mut files = vec![File::new("path.csv", csv::write(&paths))];
+    files.extend(program_files(&program.waypoints, job)?);
+    files.push(File::new("model.ply", ply::write(&plan.model)));
+    files.push(File::new("job.toml", job.to_toml()));
+    files.push(File::new("summary.json", summary.to_json()));
     if let Some(report) = &feasibility {
         files.push(File::new("feasibility.csv", feasibility_csv::csv(&program.waypoints, report)));
     }
     Ok(Output { paths, program, summary, files })
 }
 
-/// The path modifiers, in their order.
-fn modified(paths: &[SeamPath], job: &Job) -> Vec<SeamPath> {
-    let standoff_mm = job.path.standoff_mm.get();
-    // The paper's edge points come in no order that could be sampled anew.
-    let sampled = |path: &SeamPath| match job.method {
-        Method::Paper => path.clone(),
-        Method::Weldpath => resample(path, job.sampling()),
+/// The program in every form in which it is written.
+pub fn program_files(waypoints: &[Waypoint], job: &Job) -> Result<Vec<File>, moves::TooLong> {
+    let mut files = vec![File::new("path.json", json::write(waypoints))];
+    for robot in job.formats.0.iter().copied().collect::<BTreeSet<_>>() {
+        files.extend(robot::files(robot, waypoints, &job.robot())?);
+    }
+    Ok(files)
+}
+
+/// The seams in the order and direction in which they are welded, each with its settings.
+fn ordered(paths: Vec<SeamPath>, plan: &Plan, job: &Job) -> Result<Vec<(SeamPath, Weld)>, selection::Error> {
+    let mut seams = Vec::with_capacity(paths.len());
+    for path in paths {
+        let weld = weld(&path, plan, job)?;
+        seams.push((path, weld));
+    }
+    let clearance_mm = seams.iter().map(|(_, weld)| weld.motion().clearance_mm).fold(0.0, f64::max);
+    let around = Surroundings::new(&plan.model, seams.iter().map(|(path, _)| path), clearance_mm);
+    let gates =
+        |(path, weld): &(SeamPath, Weld)| Gates::new(path, way(path, weld, job), &around, &weld.motion());
+    let gates: Vec<Gates> = seams.iter().filter_map(gates).collect();
+    if gates.len() < seams.len() {
+        return Ok(seams);
+    }
+    let order = match job.order.sequence {
+        Sequence::Shortest => ordering::shortest(&gates),
+        Sequence::Found => ordering::found(&gates),
     };
-    paths.iter().map(|path| standoff(sampled(path), standoff_mm)).collect()
+    let turned = |Turn { index, reverse: turn }| {
+        let (path, weld) = &seams[index];
+        (if turn { reverse(path) } else { path.clone() }, weld.clone())
+    };
+    Ok(order.into_iter().map(turned).collect())
+}
+
+/// The job's settings with those of the seam on top; of several that name it the later ones lie above.
+fn weld(path: &SeamPath, plan: &Plan, job: &Job) -> Result<Weld, selection::Error> {
+    let mut weld = job.weld();
+    for own in &job.seams {
+        let named = match (own.id, own.near_mm) {
+            (Some(id), _) => Some(selection::known(&plan.paths, id)?),
+            (None, Some(place)) => selection::nearest(&plan.paths, &place.point_mm()),
+            (None, None) => None,
+        };
+        if named == Some(path.seam) {
+            weld = own.weld().on(&weld);
+        }
+    }
+    Ok(weld)
+}
+
+fn way(path: &SeamPath, weld: &Weld, job: &Job) -> Way {
+    let opposite = |way| match way {
+        Way::Free => Way::Free,
+        Way::Forward => Way::Reverse,
+        Way::Reverse => Way::Forward,
+    };
+    match weld.direction() {
+        Direction::Free if job.order.sequence == Sequence::Found => Way::Forward,
+        Direction::Free => Way::Free,
+        Direction::Forward => Way::Forward,
+        Direction::Reverse => Way::Reverse,
+        Direction::Up => uphill(path, job.order.up.get()),
+        Direction::Down => opposite(uphill(path, job.order.up.get())),
+    }
+}
+
+fn passes(path: &SeamPath, weld: &Weld, method: Method) -> Vec<Pass> {
+    // The paper's edge points come in no order that could be sampled anew.
+    let recipe = |recipe: Recipe| match method {
+        Method::Paper => Recipe { sampling: None, ..recipe },
+        Method::Weldpath => recipe,
+    };
+    let pass = |(own, motion)| Pass { path: apply(path, &recipe(own)), motion };
+    weld.passes().into_iter().map(pass).collect()
+}
+
+fn shortened_away(pass: &Pass) -> Option<String> {
+    let text = format!(
+        "seam {}: shortened by more than its length, it is not welded; extend_start_mm and extend_end_mm say by how much",
+        pass.path.seam
+    );
+    pass.path.points.is_empty().then_some(text)
 }
 
 /// Reach, joints and torch, if the job says with what.
-fn feasibility(plan: &Plan, job: &Job, paths: &[SeamPath]) -> Option<Report> {
-    let program = |paths: &[SeamPath]| program(paths, &plan.model, &job.motion()).waypoints;
-    Some(feasibility::assess(paths, &program, &plan.model, &job.feasibility()?))
+fn feasibility(plan: &Plan, job: &Job, passes: &[Pass]) -> Option<Report> {
+    let motion =
+        |path: &SeamPath| passes.iter().find(|pass| pass.path.seam == path.seam).map(|pass| pass.motion);
+    let tried = |paths: &[SeamPath]| {
+        let run = |path: &SeamPath| Some(Pass { path: path.clone(), motion: motion(path)? });
+        program(&paths.iter().filter_map(run).collect::<Vec<_>>(), &plan.model).waypoints
+    };
+    let paths: Vec<SeamPath> = passes.iter().map(|pass| pass.path.clone()).collect();
+    Some(feasibility::assess(&paths, &tried, &plan.model, &job.feasibility()?))
 }
 
 fn tool_warning(job: &Job) -> Option<String> {
-    let text = "path.script uses the TCP and payload that are set on the controller; give them as [tool] in a job file";
+    let text = "the robot program uses the TCP and payload that are set on the controller; give them as [tool] in a job file";
     let assumed = if job.robot.is_some() {
         format!(
             "; for the feasibility check the tip is taken {ASSUMED_TCP_MM} mm straight ahead of the flange"

@@ -31,10 +31,7 @@ fn list(ids: &[usize]) -> String {
 
 /// The paths that pass everything in `selection`, in their order.
 pub fn select(paths: &[SeamPath], selection: &Selection) -> Result<Vec<SeamPath>, Error> {
-    let known = || paths.iter().map(|path| path.seam).collect();
-    if let Some(&id) = selection.seams.iter().find(|&&id| paths.iter().all(|path| path.seam != id)) {
-        return Err(Error::UnknownId { id, known: known() });
-    }
+    selection.seams.iter().try_for_each(|&id| known(paths, id).map(drop))?;
     let by_id = |path: &&SeamPath| selection.seams.is_empty() || selection.seams.contains(&path.seam);
     let mut chosen: Vec<&SeamPath> = paths.iter().filter(by_id).collect();
     if let Some(region) = &selection.roi_mm {
@@ -56,6 +53,18 @@ pub fn select(paths: &[SeamPath], selection: &Selection) -> Result<Vec<SeamPath>
     Ok(chosen.into_iter().cloned().collect())
 }
 
+/// `id`, if a seam has it.
+pub fn known(paths: &[SeamPath], id: usize) -> Result<usize, Error> {
+    let known: Vec<usize> = paths.iter().map(|path| path.seam).collect();
+    if known.contains(&id) { Ok(id) } else { Err(Error::UnknownId { id, known }) }
+}
+
+/// Id of the seam nearest to a place, mm; none without seams.
+pub fn nearest(paths: &[SeamPath], place_mm: &Point3<f64>) -> Option<usize> {
+    let away = |path: &&SeamPath| distance_mm(path, place_mm);
+    paths.iter().min_by(|a, b| away(a).total_cmp(&away(b))).map(|path| path.seam)
+}
+
 fn share(path: &SeamPath, holds: impl Fn(&Point3<f64>) -> bool) -> f64 {
     let inside = path.points.iter().filter(|point| holds(&point.position_mm)).count();
     inside as f64 / path.points.len().max(1) as f64
@@ -68,7 +77,7 @@ fn distance_mm(path: &SeamPath, place_mm: &Point3<f64>) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::toolpath::PathPoint;
+    use crate::toolpath::{PathPoint, Process};
     use nalgebra::UnitQuaternion;
 
     /// Seams 1, 2, 3 along x at y = 0, 100, 200 mm.
@@ -77,6 +86,7 @@ mod tests {
             s_mm: x,
             position_mm: Point3::new(x, y, 0.0),
             base_from_torch: UnitQuaternion::identity(),
+            process: Process::default(),
         };
         let line = |seam| (0..10).map(|i| at(f64::from(i), 100.0 * (seam as f64 - 1.0))).collect();
         (1..=3).map(|seam| SeamPath { seam, points: line(seam) }).collect()

@@ -1,6 +1,12 @@
 //! Behaviour across packages; the tests themselves are in `tests/tests/`, what several of them need is here.
 
+pub mod fanuc;
+pub mod krl;
+pub mod pictures;
 pub mod plans;
+pub mod rapid;
+pub mod robot;
+pub mod ros;
 pub mod urscript;
 
 pub mod adversary;

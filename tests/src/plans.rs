@@ -7,7 +7,7 @@ use weldpath::cloud::PointCloud;
 use weldpath::evaluation::{Truth, TruthSeam};
 use weldpath::pipeline::{Derived, Plan, ViewReport};
 use weldpath::seam::{Joint, Seam, Station};
-use weldpath::toolpath::{PathPoint, SeamPath};
+use weldpath::toolpath::{PathPoint, Process, SeamPath};
 
 /// Corner of the bent seam, mm.
 pub const CORNER_MM: [f64; 3] = [60.3, 200.0, 0.0];
@@ -32,6 +32,30 @@ pub fn of_truth(truth: &Truth) -> Plan {
     of_paths(truth.seams.iter().enumerate().map(path).collect())
 }
 
+/// Length of the seam, width of the base plate, height of the upright plate of [`corner_of_plates`], mm.
+pub const PLATES_MM: [f64; 3] = [100.0, 40.0, 30.0];
+
+/// A fillet along +x where an upright plate (`y = 0`) stands on a base plate (`z = 0`), torch at 45 degrees; `bent`: it
+/// goes on along -y, along another upright plate.
+pub fn corner_of_plates(bent: bool) -> Plan {
+    let [length_mm, width_mm, _] = PLATES_MM;
+    let mut points: Vec<PathPoint> = (0..=2 * length_mm as i32)
+        .map(|i| f64::from(i) / 2.0)
+        .map(|x| pose(x, Point3::new(x, 0.0, 0.0), Vector3::new(0.0, -1.0, 1.0), Vector3::x()))
+        .collect();
+    if bent {
+        let on = (1..=2 * width_mm as i32).map(|i| f64::from(i) / 2.0).map(|y| {
+            let corner = Point3::new(length_mm, -y, 0.0);
+            pose(length_mm + y, corner, Vector3::new(-1.0, 0.0, 1.0), -Vector3::y())
+        });
+        points.extend(on);
+    }
+    let mut plan = of_paths(vec![SeamPath { seam: 1, points }]);
+    plan.seams[0].joint = Joint::Fillet;
+    plan.seams[0].closed = false;
+    plan
+}
+
 fn of_paths(paths: Vec<SeamPath>) -> Plan {
     let seams = paths.iter().map(seam).collect();
     let derived = vec![Derived { name: "voxel_mm", value: 0.8, how: "twice the mean spacing" }];
@@ -53,7 +77,7 @@ fn pose(s_mm: f64, position_mm: Point3<f64>, n: Vector3<f64>, m: Vector3<f64>) -
     let m = (m - n * n.dot(&m)).normalize();
     let columns = Matrix3::from_columns(&[m.cross(&n), m, n]);
     let base_from_torch = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(columns));
-    PathPoint { s_mm, position_mm, base_from_torch }
+    PathPoint { s_mm, position_mm, base_from_torch, process: Process::default() }
 }
 
 fn pipe() -> SeamPath {

@@ -49,6 +49,7 @@ const HOST: &[(&str, &[&str])] = &[
             "coverage",
         ],
     ),
+    ("refit", &["cloud", "grid", "normals", "reconstruction", "downsampling", "orientation", "toolpath"]),
     ("export", &["cloud", "seam", "toolpath", "feasibility", "coverage", "pipeline"]),
     ("job", &["toolpath", "feasibility", "pipeline", "export"]),
     ("selection", &["toolpath", "job"]),

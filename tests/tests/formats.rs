@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use serde_json::Value;
 use weldpath::export::json;
 use weldpath::job::Job;
 use weldpath::postprocessing::postprocess;
@@ -29,8 +30,8 @@ fn keys(heading: &str) -> Vec<&'static str> {
 fn the_documented_job_is_the_default_job() {
     let documented = Job::parse(block("toml"), Path::new("formats.md")).unwrap();
     let default = Job { input: documented.input.clone(), tool: documented.tool.clone(), ..Job::default() };
-    assert_eq!(documented.sampling(), default.sampling());
-    assert_eq!(documented.motion(), default.motion());
+    assert_eq!(documented.weld().filled(), default.weld().filled());
+    assert_eq!(documented.order, default.order);
     assert_eq!(documented.controller(), default.controller());
     assert_eq!(documented.selection, default.selection);
     assert_eq!((documented.units, documented.method), (default.units, default.method));
@@ -40,6 +41,7 @@ fn the_documented_job_is_the_default_job() {
 fn every_commented_key_of_the_documented_job_is_accepted() {
     let all = block("toml")
         .replace("# points", "#points")
+        .replace("# frequency_hz", "#frequency_hz")
         .replace("\n# ", "\n")
         .replace("\"weldpath\"", "\"paper\"");
     let job = Job::parse(&all, Path::new("formats.md")).unwrap();
@@ -47,6 +49,132 @@ fn every_commented_key_of_the_documented_job_is_accepted() {
         job.ratio_threshold.is_some() && job.selection.near_mm.is_some() && job.selection.roi_mm.is_some()
     );
     assert!(job.arc.gas_output.is_some() && job.arc.established_input.is_some());
+    assert!(job.path.retract_mm.is_some() && job.weave.height_mm.is_some());
+}
+
+#[test]
+fn the_documented_seams_and_passes_are_accepted_on_top_of_the_job() {
+    let job = Job::parse(block("toml seams"), Path::new("formats.md")).unwrap();
+    let passes = job.weld().passes();
+    assert_eq!((passes[0].0.across_mm, passes[0].0.reverse, passes[0].1.feed_mm_s), (-2.0, true, 6.0));
+    let seam = job.seams[0].weld().on(&job.weld());
+    assert_eq!((seam.passes().len(), seam.motion().feed_mm_s), (1, 7.0));
+    let near = block("toml seams").replace("id = 2 ", "# ").replace("# near_mm", "near_mm");
+    assert!(Job::parse(&near, Path::new("formats.md")).unwrap().seams[0].near_mm.is_some());
+}
+
+/// Every key of a schema's objects, wherever they stand.
+fn schema_keys(schema: &Value, keys: &mut Vec<String>) {
+    if let Some(properties) = schema["properties"].as_object() {
+        keys.extend(properties.keys().cloned());
+    }
+    match schema {
+        Value::Object(map) => map.values().for_each(|value| schema_keys(value, keys)),
+        Value::Array(list) => list.iter().for_each(|value| schema_keys(value, keys)),
+        _ => {}
+    }
+}
+
+/// Keys of the documented jobs, those in comments as well.
+fn documented_keys() -> Vec<String> {
+    let key = |line: &str| {
+        let line = line.trim_start_matches("# ");
+        let name = line.split(" = ").next().filter(|name| *name != line)?;
+        let bare = name.rsplit('.').next()?;
+        bare.chars().all(|c| c.is_ascii_lowercase() || c == '_').then(|| bare.to_owned())
+    };
+    [block("toml"), block("toml seams")].iter().flat_map(|text| text.lines().filter_map(key)).collect()
+}
+
+#[test]
+fn the_committed_schema_is_that_of_the_job_and_has_every_documented_key_and_no_other() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
+    let committed = std::fs::read_to_string(root.join("docs/job.schema.json")).unwrap();
+    assert!(committed == Job::schema(), "write it anew: weldpath schema > docs/job.schema.json");
+    let mut known = Vec::new();
+    schema_keys(&serde_json::from_str(&committed).unwrap(), &mut known);
+    let tables = ["selection", "order", "path", "torch", "weave", "stitch", "arc", "tool", "pass", "seam"];
+    let documented = documented_keys();
+    assert!(documented.len() > 45, "{documented:?}");
+    for key in &documented {
+        assert!(known.contains(key), "{key} is not in the schema");
+    }
+    for key in known.iter().filter(|key| !tables.contains(&key.as_str())) {
+        assert!(documented.contains(key), "{key} is not documented");
+    }
+}
+
+/// JSON Schema 2020-12, section 6 of its validation part, as far as the job's schema goes; another keyword is a failure.
+fn is_valid(value: &Value, schema: &Value, root: &Value) -> bool {
+    let Some(keywords) = schema.as_object() else { return schema.as_bool().unwrap() };
+    keywords.iter().all(|(keyword, rule)| match keyword.as_str() {
+        "$schema" | "$defs" | "title" | "description" | "default" | "format" => true,
+        "$ref" => is_valid(value, root.pointer(&rule.as_str().unwrap()[1..]).unwrap(), root),
+        "type" => match rule {
+            Value::Array(types) => types.iter().any(|name| is_a(value, name)),
+            name => is_a(value, name),
+        },
+        "enum" => rule.as_array().unwrap().contains(value),
+        "const" => rule == value,
+        "anyOf" => rule.as_array().unwrap().iter().any(|one| is_valid(value, one, root)),
+        "oneOf" => rule.as_array().unwrap().iter().filter(|one| is_valid(value, one, root)).count() == 1,
+        "minimum" => value.as_f64().is_none_or(|v| v >= rule.as_f64().unwrap()),
+        "maximum" => value.as_f64().is_none_or(|v| v <= rule.as_f64().unwrap()),
+        "minItems" => value.as_array().is_none_or(|v| v.len() as u64 >= rule.as_u64().unwrap()),
+        "maxItems" => value.as_array().is_none_or(|v| v.len() as u64 <= rule.as_u64().unwrap()),
+        "items" => value.as_array().is_none_or(|v| v.iter().all(|item| is_valid(item, rule, root))),
+        "required" => value
+            .as_object()
+            .is_none_or(|v| rule.as_array().unwrap().iter().all(|key| v.contains_key(key.as_str().unwrap()))),
+        "properties" => {
+            let known =
+                |(key, item): (&String, &Value)| rule.get(key).is_none_or(|one| is_valid(item, one, root));
+            value.as_object().is_none_or(|v| v.iter().all(known))
+        }
+        "additionalProperties" => {
+            assert_eq!(rule, &Value::Bool(false));
+            let known = |key: &String| schema["properties"].get(key).is_some();
+            value.as_object().is_none_or(|v| v.keys().all(known))
+        }
+        other => panic!("the checker does not know {other}"),
+    })
+}
+
+fn is_a(value: &Value, name: &Value) -> bool {
+    match name.as_str().unwrap() {
+        "object" => value.is_object(),
+        "array" => value.is_array(),
+        "string" => value.is_string(),
+        "boolean" => value.is_boolean(),
+        "null" => value.is_null(),
+        "number" => value.is_number(),
+        "integer" => value.as_f64().is_some_and(|v| v.fract() == 0.0),
+        other => panic!("the checker does not know the type {other}"),
+    }
+}
+
+#[test]
+fn the_schema_accepts_the_documented_jobs_and_refuses_slips() {
+    let schema: Value = serde_json::from_str(&Job::schema()).unwrap();
+    let valid = |text: &str| is_valid(&toml::from_str::<Value>(text).unwrap(), &schema, &schema);
+    let jobs = [block("toml"), block("toml seams"), &Job::default().to_toml()];
+    for text in jobs {
+        assert!(valid(text), "{text}");
+    }
+    for (text, slip) in [
+        ("[path]\nfeed_mm_s = 8", "[path]\nfeed_m_s = 0.008"),
+        ("[path]\nfeed_mm_s = 8", "[path]\nfeed_mm_s = 800"),
+        ("[path]\nfeed_mm_s = 8", "[path]\nfeed_mm_s = \"8\""),
+        ("[weave]\nshape = \"sine\"", "[weave]\nshape = \"sinus\""),
+        ("[[seam]]\nid = 1", "[[seam]]\nid = \"first\""),
+        ("[[pass]]\ntorch.turn_deg = 5", "[[pass]]\ntorch.turn = 5"),
+        ("[order]\nup = [0, 0, 1]", "[order]\nup = [0, 1]"),
+        ("[path]\npoints = 9", "[path]\npoints = 9.5"),
+    ] {
+        assert!(valid(text), "{text}");
+        assert!(!valid(slip), "{slip}");
+        assert!(Job::parse(slip, Path::new("job.toml")).is_err(), "{slip}");
+    }
 }
 
 #[test]

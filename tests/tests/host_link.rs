@@ -26,6 +26,7 @@ use weldpath_tests::world::RING;
 /// A seam of 60 mm in steps of 1 mm, welded at 20 mm/s, with its approach and a long way home through the air.
 fn program() -> Vec<Waypoint> {
     let at = |x: f64, z: f64, kind, feed_mm_s| Waypoint {
+        dwell_s: None,
         position_mm: Point3::new(400.0 + x, 0.0, z),
         base_from_torch: UnitQuaternion::identity(),
         feed_mm_s,

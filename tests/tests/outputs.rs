@@ -120,6 +120,122 @@ fn the_effective_job_replays_to_the_same_bytes() {
     }
 }
 
+/// Everything the vocabulary can say at once.
+const ALL: &str = r#"
+[order]
+up = [0, 1, 0]
+[path]
+points = 70
+direction = "up"
+extend_end_mm = 6
+lead_in_mm = 8
+end_dwell_s = 0.4
+corner = "blend"
+[torch]
+work_angle_deg = 7
+travel_angle_deg = -9
+turn_deg = 45
+[weave]
+shape = "triangle"
+frequency_hz = 1.5
+dwell_left_s = 0.2
+[stitch]
+pattern = "stitches"
+length_mm = 15
+[[pass]]
+[[pass]]
+across_mm = 2
+out_mm = 1.5
+reverse = true
+torch.work_angle_deg = -7
+[[seam]]
+near_mm = [60, 200, 0]
+weave.shape = "none"
+stitch = { pattern = "tacks", count = 2 }
+[[seam.pass]]
+path.spacing_mm = 3
+"#;
+
+#[test]
+fn a_job_with_every_word_replays_to_the_same_bytes() {
+    let first = output(ALL);
+    let again = output(&text(&first, "job.toml"));
+    for (a, b) in first.files.iter().zip(&again.files) {
+        assert!(a.bytes == b.bytes, "{} differs", a.name);
+    }
+    assert!(first.program.waypoints != output("").program.waypoints);
+}
+
+#[test]
+fn stitches_show_in_path_json_as_welds_of_their_length_with_lifts_between() {
+    let output =
+        output("[stitch]\npattern = \"stitches\"\nlength_mm = 10\npitch_mm = 30\n[selection]\nseams = [2]");
+    let waypoints = json::read(&text(&output, "path.json")).unwrap();
+    let welds: Vec<_> = waypoints.split(|w| !w.weld).filter(|run| !run.is_empty()).collect();
+    assert_eq!(welds.len(), 4, "100 mm: gaps of 30 mm");
+    for run in &welds {
+        let length_mm: f64 = run.windows(2).map(|w| (w[1].position_mm - w[0].position_mm).norm()).sum();
+        assert!((length_mm - 10.0).abs() < 1e-4, "{length_mm}");
+    }
+    let lifted = waypoints
+        .iter()
+        .filter(|w| !w.weld && w.seam.is_some() && (w.position_mm.z - 10.0 / 3f64.sqrt()).abs() < 1e-4);
+    assert!(lifted.count() >= 6, "10 mm along (-1, 1, 1)");
+    let csv = text(&output, "path.csv");
+    assert_eq!(csv.lines().count() - 1, waypoints.iter().filter(|w| w.weld).count());
+}
+
+#[test]
+fn a_seam_has_its_own_settings_and_the_others_the_jobs() {
+    let output = output("[path]\nfeed_mm_s = 9\n[[seam]]\nnear_mm = [60, 200, 0]\npath.feed_mm_s = 5");
+    for waypoint in output.program.waypoints.windows(2).filter(|w| w[0].weld && w[1].weld).map(|w| &w[1]) {
+        let wanted = if waypoint.seam == Some(2) { 5.0 } else { 9.0 };
+        assert_eq!(waypoint.feed_mm_s, wanted);
+    }
+}
+
+#[test]
+fn the_shortest_order_has_no_longer_air_way_than_the_order_found() {
+    let air_mm = |job: &str| -> f64 {
+        let waypoints = output(job).program.waypoints;
+        let air = waypoints.windows(2).filter(|w| w[1].seam.is_none() && w[0].seam.is_none());
+        air.map(|w| (w[1].position_mm - w[0].position_mm).norm()).sum()
+    };
+    let (shortest, found) = (air_mm(""), air_mm("[order]\nsequence = \"found\""));
+    assert!(shortest <= found + 1e-9 && found > 0.0, "{shortest} mm, {found} mm");
+}
+
+#[test]
+fn seams_are_welded_uphill_or_downhill_as_asked() {
+    // Seam 2 runs along +x and then along +y.
+    for (direction, up, forward) in [
+        ("up", "[1, 1, 0]", true),
+        ("down", "[1, 1, 0]", false),
+        ("up", "[-1, -1, 0]", false),
+        ("down", "[-1, -1, 0]", true),
+    ] {
+        let job =
+            format!("[order]\nup = {up}\n[path]\ndirection = \"{direction}\"\n[selection]\nseams = [2]");
+        let output = output(&job);
+        let welds: Vec<_> = output.program.waypoints.iter().filter(|w| w.weld).collect();
+        let rise = welds[welds.len() - 1].position_mm - welds[0].position_mm;
+        assert_eq!(rise.x + rise.y > 0.0, forward, "{job}");
+    }
+}
+
+#[test]
+fn the_summary_names_the_welding_position_and_the_order() {
+    let seams = |job: &str| {
+        let summary: serde_json::Value = serde_json::from_str(&text(&output(job), "summary.json")).unwrap();
+        summary["seams"].as_array().unwrap().clone()
+    };
+    let level = seams("[selection]\nseams = [2]");
+    assert_eq!(level[0]["positions"], serde_json::json!(["PB"]), "a pipe that stands on a plate");
+    assert!(level[0]["order"].is_null() && level[1]["order"] == 1);
+    let wall = seams("[order]\nup = [1, 0, 0]\n[path]\ndirection = \"up\"");
+    assert_eq!(wall[1]["positions"][0], "PF", "its first 60 mm climb");
+}
+
 #[test]
 fn the_summary_names_every_seam_and_which_are_welded() {
     let summary: serde_json::Value =

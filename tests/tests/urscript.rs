@@ -43,6 +43,7 @@ fn check(script: &str, waypoints: &[Waypoint], job: &Job) -> Result<(), String> 
     blends(&moves, waypoints)?;
     rotation_vectors_continue(&moves)?;
     switching(&events, waypoints, job)?;
+    dwells(&events, waypoints)?;
     tool(&events, job)?;
     let halts = || run(script, false).map(|events| events.last() == Some(&Event::Halt));
     require(job.arc.established_input.is_none() || halts()?, || "welds without an arc".into())
@@ -70,7 +71,8 @@ fn poses_equal(moves: &[&Move], waypoints: &[Waypoint]) -> Result<(), String> {
         let turned_rad = (a_move.rotation() - tool).norm() / std::f64::consts::SQRT_2;
         require(turned_rad < 1e-4, || format!("move {i} is turned by {turned_rad} rad"))?;
         let feed_off = (a_move.speed * 1e3 - waypoint.feed_mm_s).abs();
-        require(i == 0 || feed_off < 1e-6, || format!("move {i} has speed {}", a_move.speed))?;
+        // Eight decimals of metres per second.
+        require(i == 0 || feed_off < 1e-5, || format!("move {i} has speed {}", a_move.speed))?;
     }
     Ok(())
 }
@@ -78,7 +80,8 @@ fn poses_equal(moves: &[&Move], waypoints: &[Waypoint]) -> Result<(), String> {
 fn blends(moves: &[&Move], waypoints: &[Waypoint]) -> Result<(), String> {
     for i in 0..moves.len() {
         let welded_on = i > 0 && waypoints[i].weld && waypoints[i - 1].weld;
-        let goes_on = waypoints.get(i + 1).is_some_and(|next| next.weld && welded_on);
+        let passes = waypoints[i].dwell_s.is_none();
+        let goes_on = waypoints.get(i + 1).is_some_and(|next| next.weld && welded_on && passes);
         require((moves[i].command == "movep") == welded_on, || {
             format!("move {i} is a {}", moves[i].command)
         })?;
@@ -91,6 +94,23 @@ fn blends(moves: &[&Move], waypoints: &[Waypoint]) -> Result<(), String> {
         } else {
             require(blend_m == 0.0, || format!("move {i} does not arrive: blend {blend_m}"))?;
         }
+    }
+    Ok(())
+}
+
+/// Amid a weld the torch stands where the plan says, as long as it says, and nowhere else; at its ends at least so long.
+fn dwells(events: &[Event], waypoints: &[Waypoint]) -> Result<(), String> {
+    let after_moves = events.split(|event| a_move(event).is_some()).skip(1);
+    for (i, (after, waypoint)) in after_moves.zip(waypoints).enumerate() {
+        let sleeps: Vec<f64> =
+            after.iter().filter_map(|e| if let Event::Sleep(s) = e { Some(*s) } else { None }).collect();
+        let wanted = waypoint.dwell_s.filter(|dwell_s| *dwell_s > 0.0);
+        let welds = |k: Option<usize>| k.and_then(|k| waypoints.get(k)).is_some_and(|w| w.weld);
+        let amid = waypoint.weld && welds(i.checked_sub(1)) && welds(Some(i + 1));
+        require(wanted.is_none_or(|s| sleeps.contains(&s)), || format!("move {i}: no dwell of {wanted:?}"))?;
+        require(!amid || sleeps.len() == usize::from(wanted.is_some()), || {
+            format!("move {i}: stands {sleeps:?}")
+        })?;
     }
     Ok(())
 }
@@ -144,10 +164,38 @@ fn tool(events: &[Event], job: &Job) -> Result<(), String> {
 
 #[test]
 fn the_script_does_what_the_plan_says() {
-    for text in ["", JOB, "[path]\nspacing_mm = 0.7", "[path]\npoints = 40", "[arc]\noutput = 7"] {
+    let plain = ["", JOB, "[path]\nspacing_mm = 0.7", "[path]\npoints = 40", "[arc]\noutput = 7"];
+    for text in plain.into_iter().chain(VOCABULARY) {
         let job = job(text);
         let output = output(&job);
         check(&script(&output), &output.program.waypoints, &job).unwrap();
+    }
+}
+
+const VOCABULARY: [&str; 6] = [
+    "[stitch]\npattern = \"stitches\"\nlength_mm = 11\npitch_mm = 30\n[path]\nend_dwell_s = 0.75\n[arc]\ngas_output = 3",
+    "[weave]\nshape = \"zigzag\"\ndwell_left_s = 0.15\ndwell_right_s = 0.25\n[path]\ncorner = \"stop\"",
+    "[weave]\nshape = \"circle\"\n[torch]\nwork_angle_deg = 9\ntravel_angle_deg = -12\nturn_deg = 30",
+    "[path]\nlead_in_mm = 9\nlead_out_mm = 4\nextend_start_mm = 5\nextend_end_mm = -3\ncorner = \"blend\"",
+    "[[pass]]\n[[pass]]\nout_mm = 3\nreverse = true\npath.feed_mm_s = 6\nweave.shape = \"sine\"",
+    "[[seam]]\nid = 2\nstitch.pattern = \"tacks\"\npath.start_dwell_s = 0.5\n[order]\nsequence = \"found\"",
+];
+
+#[test]
+fn a_script_that_forgets_a_dwell_or_a_stop_is_refused() {
+    let job = job(VOCABULARY[1]);
+    let output = output(&job);
+    let good = script(&output);
+    for (from, to, why) in [
+        ("  sleep(0.15)\n", "", "no dwell"),
+        ("sleep(0.25)", "sleep(0.5)", "no dwell"),
+        ("movep(p[", "sleep(0.1)\n  movep(p[", "stands"),
+    ] {
+        assert!(good.contains(from), "{from}");
+        let at = good.match_indices(from).nth(2).unwrap().0;
+        let bad = format!("{}{to}{}", &good[..at], &good[at + from.len()..]);
+        let refusal = check(&bad, &output.program.waypoints, &job).unwrap_err();
+        assert!(refusal.contains(why), "{from} -> {to}: {refusal}");
     }
 }
 

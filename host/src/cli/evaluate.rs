@@ -113,7 +113,7 @@ fn standoff_mm(args: &Args, dir: &Path) -> Result<f64, Failure> {
         (Some(given), _) => Ok(given.get()),
         (None, true) => {
             let job = Job::read(&file).map_err(|e| Failure::new(Exit::Input, &e).hint(e.hint()))?;
-            Ok(job.path.standoff_mm.get())
+            Ok(job.path.standoff_mm.unwrap_or_default().get())
         }
         (None, false) => Ok(0.0),
     }
@@ -171,6 +171,8 @@ fn not_read(error: evaluation::Error) -> Failure {
     let failure = Failure::new(Exit::Input, &error);
     match error {
         Error::Read { .. } => failure.hint("give the folder that `weldpath plan` wrote, and --truth a file"),
-        Error::Malformed { .. } => failure,
+        Error::Malformed { .. } => failure.hint(
+            "--truth is the truth.json of `weldpath simulate`, or a CSV with columns x_mm, y_mm, z_mm; so is a path.csv",
+        ),
     }
 }

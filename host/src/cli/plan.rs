@@ -3,18 +3,21 @@
 use std::path::{Path, PathBuf};
 
 use weldpath::export::directory::{self, File};
+use weldpath::export::moves::TooLong;
+use weldpath::export::robot::Robot;
 use weldpath::export::summary::Source;
 use weldpath::job::quantity::{
     ApproachMm, FeedMmS, Output, Place, Points, RatioThreshold, Region, SpacingMm, StandoffMm,
 };
 use weldpath::job::robot::{RobotSettings, TorchBodySettings};
-use weldpath::job::{Job, Method, Units};
+use weldpath::job::{Formats, Job, Method, Sequence, Units};
 use weldpath::pipeline::{self, Observer, Plan};
-use weldpath::postprocessing::postprocess;
+use weldpath::postprocessing::{self, postprocess};
 use weldpath::{scan, selection};
 
 use super::progress::Progress;
-use super::{Exit, Failure, print, table};
+use super::weld::WeldArgs;
+use super::{Exit, Failure, print, table, whole};
 
 /// Plan the torch paths of all seams in a scan
 ///
@@ -49,8 +52,13 @@ pub(super) struct Args {
     /// Distance of approach and retract from the seam [default: 50]
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     approach_mm: Option<ApproachMm>,
+    #[command(flatten)]
+    weld: WeldArgs,
+    /// Which seam comes next [default: shortest]
+    #[arg(long, value_name = "SEQUENCE")]
+    sequence: Option<Sequence>,
     /// Weld this seam only; may be given several times
-    #[arg(long, value_name = "ID")]
+    #[arg(long, value_name = "ID", value_parser = whole::<usize>)]
     seam: Vec<usize>,
     /// Weld the one seam nearest to this place, mm, base frame
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
@@ -76,6 +84,9 @@ pub(super) struct Args {
     /// Check a torch of these sizes for collisions, such as stickout_mm=15,nozzle_radius_mm=10,neck_deg=22
     #[arg(long, value_name = "KEY=VALUE,...", value_parser = TorchBodySettings::from_pairs)]
     torch: Option<TorchBodySettings>,
+    /// Write the program for this robot; may be given several times [default: ur]
+    #[arg(long, value_name = "ROBOT")]
+    robot: Vec<Robot>,
     /// Print nothing but errors
     #[arg(long, short)]
     quiet: bool,
@@ -97,7 +108,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         Ok(planned) => planned,
         Err(failure) => return keep_stages(&args.out, &stages).and(Err(failure)),
     };
-    let mut output = postprocess(&plan, &job, source.clone()).map_err(not_selected)?;
+    let mut output = postprocess(&plan, &job, source.clone()).map_err(not_written_out)?;
     output.files.extend(stages);
     directory::write(&args.out, &output.files).map_err(not_written)?;
     match (args.quiet, args.json) {
@@ -118,14 +129,19 @@ fn job(args: &Args) -> Result<Job, Failure> {
     replace(&mut job.units, args.units);
     replace(&mut job.method, args.method);
     job.ratio_threshold = args.t.or(job.ratio_threshold);
-    replace(&mut job.path.standoff_mm, args.standoff_mm);
-    replace(&mut job.path.feed_mm_s, args.feed_mm_s);
-    replace(&mut job.path.approach_mm, args.approach_mm);
+    replace(&mut job.order.sequence, args.sequence);
+    job.path.standoff_mm = args.standoff_mm.or(job.path.standoff_mm);
+    job.path.feed_mm_s = args.feed_mm_s.or(job.path.feed_mm_s);
+    job.path.approach_mm = args.approach_mm.or(job.path.approach_mm);
+    args.weld.put_on(&mut job);
     replace(&mut job.arc.output, args.arc_output);
     job.selection.near_mm = args.near.or(job.selection.near_mm);
     job.selection.roi_mm = args.roi.or(job.selection.roi_mm);
     if !args.seam.is_empty() {
         job.selection.seams.clone_from(&args.seam);
+    }
+    if !args.robot.is_empty() {
+        job.formats = Formats(args.robot.clone());
     }
     if args.spacing_mm.is_some() || args.points.is_some() {
         (job.path.spacing_mm, job.path.points) = (args.spacing_mm, args.points);
@@ -183,7 +199,7 @@ fn plan(job: &Job, progress: &mut Progress) -> Result<(Plan, Source), Failure> {
     Ok((plan, Source { inputs, notes: scan.notes }))
 }
 
-fn units(units: Units) -> scan::Units {
+pub(super) fn units(units: Units) -> scan::Units {
     match units {
         Units::M => scan::Units::Metres,
         Units::Mm => scan::Units::Millimetres,
@@ -197,7 +213,21 @@ fn keep_stages(out: &Path, stages: &[File]) -> Result<(), Failure> {
 }
 
 fn not_planned(error: pipeline::Error) -> Failure {
-    Failure::new(Exit::NoSeam, error).hint("--dump-stages keeps the cloud after every stage, to look at")
+    Failure::new(Exit::NoSeam, error).hint(
+        "--dump-stages keeps the cloud after every stage, to look at; docs/troubleshooting.md says what to try",
+    )
+}
+
+fn not_written_out(error: postprocessing::Error) -> Failure {
+    match error {
+        postprocessing::Error::Selection(error) => not_selected(error),
+        postprocessing::Error::TooLong(error) => too_long(error),
+    }
+}
+
+pub(super) fn too_long(error: TooLong) -> Failure {
+    Failure::new(Exit::Usage, error)
+        .hint("plan with a wider --spacing-mm: a seam is not divided while the arc burns")
 }
 
 fn not_selected(error: selection::Error) -> Failure {

@@ -6,7 +6,7 @@ use weldpath::emulator::{self, Emulator};
 use weldpath::link::{self, Link};
 use weldpath::serial::{self, Address};
 
-use super::{Exit, Failure};
+use super::{Exit, Failure, whole};
 
 /// A pendant's port.
 #[derive(Debug, clap::Args)]
@@ -15,7 +15,7 @@ pub(super) struct Port {
     #[arg(long, value_name = "PORT")]
     pub(super) port: Address,
     /// Speed of a real serial port
-    #[arg(long, value_name = "N", default_value_t = 115_200)]
+    #[arg(long, value_name = "N", default_value_t = 115_200, value_parser = whole::<u32>)]
     pub(super) baud: u32,
 }
 
@@ -26,7 +26,7 @@ pub(super) struct PortOrSim {
     #[arg(long, value_name = "PORT")]
     port: Option<Address>,
     /// Speed of a real serial port
-    #[arg(long, value_name = "N", default_value_t = 115_200)]
+    #[arg(long, value_name = "N", default_value_t = 115_200, value_parser = whole::<u32>)]
     baud: u32,
     /// Run the pendant's firmware in QEMU for this command
     #[arg(long, conflicts_with = "port")]

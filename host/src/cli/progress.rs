@@ -1,6 +1,7 @@
 //! What the user sees, and what is kept, while a plan is made.
 
 use std::io::IsTerminal;
+use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 use weldpath::cloud::PointCloud;
@@ -8,23 +9,30 @@ use weldpath::export::directory::File;
 use weldpath::export::ply;
 use weldpath::pipeline::Observer;
 
-/// Stages of a multi-view scan, reading and writing included; a bar that is wrong by one still tells the way.
-const USUAL_STAGES: u64 = 8;
+/// Share of the time, in percent, that has usually passed when a stage begins, measured on the fixtures: a stage at a time
+/// says little about when it is over.
+const PASSED: [(&str, u64); 7] = [
+    ("scan", 0),
+    ("normals", 3),
+    ("reconstruction", 32),
+    ("downsampling", 48),
+    ("denoising", 62),
+    ("seam", 67),
+    ("toolpath", 99),
+];
 
 /// Moves a bar on a terminal, and collects the cloud after every stage if it was asked for.
 pub(super) struct Progress {
     bar: ProgressBar,
+    began: Instant,
     stages: Option<Vec<File>>,
 }
 
 impl Progress {
     /// No bar when quiet or when standard error is not a terminal.
     pub(super) fn new(quiet: bool, dump_stages: bool) -> Self {
-        let shown = !quiet && std::io::stderr().is_terminal();
-        let bar = if shown { ProgressBar::new(USUAL_STAGES) } else { ProgressBar::hidden() };
-        let style = ProgressStyle::with_template("{bar:24} {elapsed:>4} {msg}").unwrap_or(bar.style());
-        bar.set_style(style);
-        Self { bar, stages: dump_stages.then(Vec::new) }
+        let bar = bar(quiet, 100, "{bar:24} {elapsed:>4} {msg}");
+        Self { bar, began: Instant::now(), stages: dump_stages.then(Vec::new) }
     }
 
     /// Takes the bar away and hands over the collected clouds.
@@ -34,13 +42,33 @@ impl Progress {
     }
 }
 
+/// What is left if the rest takes as long as usual.
+fn left(elapsed: Duration, passed_percent: u64) -> String {
+    match passed_percent {
+        0 => String::new(),
+        passed => {
+            let left_s = elapsed.as_secs_f64() * (100.0 / passed as f64 - 1.0);
+            format!(", about {left_s:.0} s left")
+        }
+    }
+}
+
+/// A bar of `length` on a terminal; none when quiet or when standard error is not one.
+pub(super) fn bar(quiet: bool, length: u64, template: &str) -> ProgressBar {
+    let shown = !quiet && std::io::stderr().is_terminal();
+    let bar = if shown { ProgressBar::new(length) } else { ProgressBar::hidden() };
+    let style = ProgressStyle::with_template(template).unwrap_or(bar.style());
+    bar.set_style(style);
+    bar
+}
+
 impl Observer for Progress {
     fn stage(&mut self, name: &'static str) {
-        if self.bar.position() + 1 >= USUAL_STAGES {
-            self.bar.inc_length(1);
-        }
-        self.bar.inc(1);
-        self.bar.set_message(name);
+        // A finer scale begins some stages again: the bar does not go back.
+        let usual = PASSED.iter().find(|(stage, _)| *stage == name).map_or(0, |(_, percent)| *percent);
+        let passed = usual.max(self.bar.position());
+        self.bar.set_position(passed);
+        self.bar.set_message(format!("{name}{}", left(self.began.elapsed(), passed)));
         self.bar.tick();
     }
 
@@ -49,5 +77,17 @@ impl Observer for Progress {
             let name = format!("stages/{:02}-{stage}.ply", stages.len() + 1);
             stages.push(File::new(name, ply::write(cloud)));
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_time_left_follows_from_the_share_that_has_passed() {
+        assert_eq!(left(Duration::from_secs(2), 0), "");
+        assert_eq!(left(Duration::from_secs(3), 60), ", about 2 s left");
+        assert!(PASSED.windows(2).all(|w| w[0].1 < w[1].1), "no stage takes the bar back");
     }
 }

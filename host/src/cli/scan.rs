@@ -10,7 +10,7 @@ use weldpath::teleop::{self, REGIONS, Session, Setup, generator, recording};
 use weldpath_core::wire::HandFrame;
 
 use super::port::{PortOrSim, lost};
-use super::{Exit, Failure, print};
+use super::{Exit, Failure, print, progress, whole};
 
 /// Scan a simulated workpiece by hand gestures, played from recordings to the pendant
 ///
@@ -34,7 +34,7 @@ pub(super) struct Args {
     #[arg(long, default_value = "butt-v")]
     part: Part,
     /// Its sizes, place and noise follow from it
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, value_parser = whole::<u64>, allow_negative_numbers = true)]
     seed: u64,
     /// none, low, mid or high
     #[arg(long, default_value_t = Noise::Mid)]
@@ -46,7 +46,7 @@ pub(super) struct Args {
     #[arg(long, value_name = "X,Y,Z", default_value = "0,200,0", allow_hyphen_values = true)]
     box_center: Place,
     /// Edge of the interaction box
-    #[arg(long, value_name = "MM", default_value_t = 100.0)]
+    #[arg(long, value_name = "MM", default_value_t = 100.0, allow_negative_numbers = true)]
     box_mm: f64,
     /// Print nothing but errors
     #[arg(long, short)]
@@ -103,8 +103,12 @@ fn make(args: &Args, file: &PathBuf, setup: &Setup, poses: &[Isometry3<f64>]) ->
             std::io::Write::write_all(&mut unfinished, recording::to_csv(&frames, &part).as_bytes())?;
             unfinished.persist(file).map_err(|error| error.error)
         });
-    written
-        .map_err(|error| Failure::new(Exit::Output, format!("cannot write {}: {error}", file.display())))?;
+    written.map_err(|error| {
+        // The system's words, without the name of the temporary file.
+        let why = error.raw_os_error().map_or(error.kind().to_string(), |_| error.to_string());
+        Failure::new(Exit::Output, format!("cannot write {}: {why}", file.display()))
+            .hint("is the folder there, and may you write to it?")
+    })?;
     let text = format!("{}: {} frames, {} captures\n", file.display(), frames.len(), poses.len());
     if args.quiet { Ok(()) } else { print(&text) }
 }
@@ -115,10 +119,15 @@ fn scan(args: &Args, request: &Request, setup: &Setup) -> Result<(), Failure> {
         let message = format!("{} holds a scan that was not simulated; it is left as it is", out.display());
         return Err(Failure::new(Exit::Output, message).hint("choose another folder with --out"));
     }
-    let read = |file: &PathBuf| recording::read(file).map_err(|error| Failure::new(Exit::Input, error));
+    let read = |file: &PathBuf| {
+        recording::read(file).map_err(|error| {
+            Failure::new(Exit::Input, error)
+                .hint("`weldpath scan --make-hands FILE` makes a recording to try")
+        })
+    };
     let frames = recording::join(args.hands.iter().map(read).collect::<Result<Vec<_>, _>>()?);
     let (link, _emulator) = args.port.open()?;
-    let session = play(&frames, setup, &link)?;
+    let session = play(&frames, setup, &link, args.quiet)?;
     if !args.quiet {
         print(&table(&session))?;
     }
@@ -133,8 +142,21 @@ fn scan(args: &Args, request: &Request, setup: &Setup) -> Result<(), Failure> {
     if args.quiet { Ok(()) } else { print(&text) }
 }
 
-fn play(frames: &[HandFrame], setup: &Setup, link: &weldpath::link::Link) -> Result<Session, Failure> {
-    teleop::play(frames, setup, |command| link.ask(command)).map_err(|error| match error {
+fn play(
+    frames: &[HandFrame],
+    setup: &Setup,
+    link: &weldpath::link::Link,
+    quiet: bool,
+) -> Result<Session, Failure> {
+    let bar =
+        progress::bar(quiet, frames.len() as u64, "{bar:24} {pos}/{len} frames {elapsed:>4}, {eta} left");
+    let ask = |command| {
+        bar.inc(1);
+        link.ask(command)
+    };
+    let played = teleop::play(frames, setup, ask);
+    bar.finish_and_clear();
+    played.map_err(|error| match error {
         teleop::Error::Link(error) => lost(error),
         teleop::Error::Setup => Failure::new(Exit::Usage, error),
         refused => {

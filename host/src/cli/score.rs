@@ -27,7 +27,7 @@ pub(super) struct Args {
     #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u16).range(1..=10_000))]
     count: u16,
     /// Ball radius of eq. (11) [default: half the distance to a point's 64th neighbour]
-    #[arg(long, value_name = "MM")]
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     radius_mm: Option<f64>,
     /// Threshold of eq. (16) [default: 53]
     #[arg(long, value_name = "T")]

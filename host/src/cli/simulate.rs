@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use weldpath::simulation::{self, Error, Format, Noise, Part, Pose, Request};
 
-use super::{Exit, Failure, print};
+use super::{Exit, Failure, print, whole};
 
 /// Simulate a multi-view scan of a workpiece, with its exact truth
 #[derive(Debug, clap::Args)]
@@ -17,13 +17,13 @@ pub(super) struct Args {
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
     /// Number of views [default: as many as the part needs]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = whole::<usize>, allow_negative_numbers = true)]
     views: Option<usize>,
     /// none, low, mid or high
     #[arg(long, default_value_t = Noise::Mid)]
     noise: Noise,
     /// Sizes, places and noise follow from it
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, value_parser = whole::<u64>, allow_negative_numbers = true)]
     seed: u64,
     /// How the part lies: flat, tilted, horizontal or vertical
     #[arg(long, default_value_t = Pose::Flat)]
@@ -35,10 +35,10 @@ pub(super) struct Args {
     #[arg(long, value_name = "WxH", default_value = "640x480")]
     size: Size,
     /// Included angle of a groove, or between plate and web
-    #[arg(long, value_name = "DEG")]
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
     angle_deg: Option<f64>,
     /// Length of a straight seam
-    #[arg(long, value_name = "MM")]
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     length_mm: Option<f64>,
     /// Scan badly on purpose: views that share too little; branch and tacked only
     #[arg(long)]

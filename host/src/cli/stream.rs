@@ -27,7 +27,7 @@ pub(super) struct Args {
     #[command(flatten)]
     port: Port,
     /// On resume go back along the path by this much first, arc off: the overlap
-    #[arg(long, value_name = "MM", default_value_t = 0.0)]
+    #[arg(long, value_name = "MM", default_value_t = 0.0, allow_negative_numbers = true)]
     back_mm: f64,
     /// Move without striking the arc
     #[arg(long)]
@@ -89,7 +89,8 @@ impl<'a> Weld<'a> {
         let keys = Keys::new();
         let shown = keys.is_terminal() && !args.quiet;
         let bar = if shown { ProgressBar::new(upload.waypoints.len() as u64) } else { ProgressBar::hidden() };
-        let style = ProgressStyle::with_template("{bar:32} {pos}/{len} waypoints {elapsed:>4} {msg}");
+        let style =
+            ProgressStyle::with_template("{bar:32} {pos}/{len} waypoints {elapsed:>4}, {eta} left {msg}");
         bar.set_style(style.unwrap_or(ProgressStyle::default_bar()));
         Self { args, link, upload, keys, bar, state: None, said: None }
     }

@@ -7,12 +7,13 @@ use weldpath::export::summary::Source;
 use weldpath::pipeline::{Plan, ViewReport};
 use weldpath::postprocessing::Output;
 use weldpath::seam::Seam;
+use weldpath::toolpath::position::Position;
 
 /// Seams, what was derived, warnings, and where the files are.
 pub(super) fn result(plan: &Plan, output: &Output, source: &Source, out: &Path) -> String {
     let mut text = format!(
-        "{:>4}  {:<8} {:>10} {:>7} {:>11}  {}\n",
-        "seam", "joint", "length", "points", "confidence", "expected error"
+        "{:>4}  {:<8} {:<8} {:>10} {:>7} {:>11}  {}\n",
+        "seam", "joint", "position", "length", "points", "confidence", "expected error"
     );
     for seam in &plan.seams {
         text.push_str(&row(seam, output));
@@ -40,16 +41,19 @@ fn line(text: &mut String, line: &str) {
 }
 
 fn row(seam: &Seam, output: &Output) -> String {
-    let points = output.paths.iter().find(|path| path.seam == seam.id).map(|path| path.points.len());
+    let paths = || output.paths.iter().filter(|path| path.seam == seam.id);
+    let points = paths().flat_map(|path| &path.points).filter(|point| point.process.weld).count();
+    let positions: Vec<String> = output.summary.positions(seam.id).iter().map(Position::to_string).collect();
     let mut row = String::new();
     // Writing to a String cannot fail.
     let _ = writeln!(
         row,
-        "{:>4}  {:<8} {:>7.1} mm {:>7} {:>10.0}%  {} mm, {} deg",
+        "{:>4}  {:<8} {:<8} {:>7.1} mm {:>7} {:>10.0}%  {} mm, {} deg",
         seam.id,
         seam.joint.name(),
+        positions.join("-"),
         seam.length_mm(),
-        points.map_or("-".to_owned(), |n| n.to_string()),
+        paths().next().map_or("-".to_owned(), |_| points.to_string()),
         100.0 * seam.confidence,
         significant(seam.expected_error_mm),
         significant(seam.expected_error_deg)
@@ -86,7 +90,7 @@ mod tests {
     use weldpath::pipeline::Derived;
     use weldpath::postprocessing::postprocess;
     use weldpath::seam::{Joint, Station};
-    use weldpath::toolpath::{PathPoint, SeamPath};
+    use weldpath::toolpath::{PathPoint, Process, SeamPath};
 
     fn plan() -> Plan {
         let at = |x| Point3::new(x, 0.0, 0.0);
@@ -103,8 +107,10 @@ mod tests {
             warnings: vec!["the last 20 mm were seen by one view only".into()],
         };
         let base_from_torch = UnitQuaternion::identity();
-        let points =
-            [0.0, 500.0].map(|x| PathPoint { s_mm: x, position_mm: at(x), base_from_torch }).to_vec();
+        let process = Process::default();
+        let points = [0.0, 500.0]
+            .map(|x| PathPoint { s_mm: x, position_mm: at(x), base_from_torch, process })
+            .to_vec();
         Plan {
             model: PointCloud::default(),
             seams: vec![seam],
@@ -124,7 +130,7 @@ mod tests {
         let text = result(&plan(), &output, &source, Path::new("out"));
         let lines: Vec<&str> = text.lines().collect();
         let row: Vec<&str> = lines[1].split_whitespace().collect();
-        assert_eq!(row, ["1", "butt-v", "500.0", "mm", "251", "93%", "0.08", "mm,", "0.50", "deg"]);
+        assert_eq!(row, ["1", "butt-v", "PA", "500.0", "mm", "251", "93%", "0.08", "mm,", "0.50", "deg"]);
         assert_eq!(lines[2..4], ["units: metres", "voxel_mm = 0.80 (twice the mean spacing)"]);
         assert_eq!(lines[4], "warning: view 3 overlaps too little");
         assert!(lines.contains(&"warning: seam 1: the last 20 mm were seen by one view only"));

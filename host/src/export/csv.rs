@@ -7,11 +7,11 @@ use crate::toolpath::SeamPath;
 /// First line of the file.
 pub const HEADER: &str = "seam,index,s_mm,x_mm,y_mm,z_mm,qw,qx,qy,qz";
 
-/// All points of `paths`; `index` counts from 0 in each seam. Base frame; `q` is `base_from_torch`.
+/// The welded points of `paths`, passes one after the other; `index` counts from 0 in each pass. Base frame; `q` is `base_from_torch`.
 pub fn write(paths: &[SeamPath]) -> String {
     let mut text = format!("{HEADER}\n");
     for path in paths {
-        for (index, point) in path.points.iter().enumerate() {
+        for (index, point) in path.points.iter().filter(|point| point.process.weld).enumerate() {
             let (p, q) = (point.position_mm, point.base_from_torch);
             // Writing to a String cannot fail.
             let _ = writeln!(
@@ -27,13 +27,14 @@ pub fn write(paths: &[SeamPath]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::toolpath::PathPoint;
+    use crate::toolpath::{PathPoint, Process};
     use nalgebra::{Point3, UnitQuaternion, Vector3};
 
     #[test]
     fn every_row_has_a_number_for_every_column() {
         let base_from_torch = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), 1.0);
-        let point = PathPoint { s_mm: 1.5, position_mm: Point3::new(-1.0, 2000.125, 1e-7), base_from_torch };
+        let (position_mm, process) = (Point3::new(-1.0, 2000.125, 1e-7), Process::default());
+        let point = PathPoint { s_mm: 1.5, position_mm, base_from_torch, process };
         let path = |seam| SeamPath { seam, points: vec![point; 3] };
         let text = write(&[path(1), path(4)]);
         let mut lines = text.lines();

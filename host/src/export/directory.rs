@@ -19,8 +19,13 @@ pub struct Error {
 impl Error {
     fn at(path: impl Into<PathBuf>) -> impl FnOnce(io::Error) -> Self {
         let path = path.into();
-        |source| Self { path, source }
+        |source| Self { path, source: plain(source) }
     }
+}
+
+/// Without the name of a temporary file, which tells nobody anything.
+fn plain(error: io::Error) -> io::Error {
+    if error.raw_os_error().is_some() { error } else { error.kind().into() }
 }
 
 /// One file of a run.

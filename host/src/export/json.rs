@@ -14,6 +14,8 @@ pub const VERSION: u32 = 1;
 
 /// How far a quaternion's norm may be from 1.
 const NORM_TOLERANCE: f64 = 1e-3;
+/// Longest standstill, s: beyond it a number is surely in milliseconds.
+const MOST_DWELL_S: f64 = 600.0;
 
 /// Why a program cannot be read.
 #[derive(Debug, thiserror::Error)]
@@ -57,6 +59,8 @@ struct Row {
     feed_mm_s: f64,
     position_mm: [f64; 3],
     base_from_torch_wxyz: [f64; 4],
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    dwell_s: Option<f64>,
 }
 
 /// What a reader looks at before the rest.
@@ -82,9 +86,10 @@ fn line(waypoint: &Waypoint) -> String {
         kind: waypoint.kind,
         seam: waypoint.seam,
         weld: waypoint.weld,
-        feed_mm_s: waypoint.feed_mm_s,
+        feed_mm_s: rounded(waypoint.feed_mm_s, 1e6),
         position_mm: [p.x, p.y, p.z].map(|v| rounded(v, 1e6)),
         base_from_torch_wxyz: [q.w, q.i, q.j, q.k].map(|v| rounded(v, 1e9)),
+        dwell_s: waypoint.dwell_s.map(|v| rounded(v, 1e6)),
     };
     serde_json::json!(row).to_string()
 }
@@ -119,6 +124,9 @@ fn waypoint(row: Row) -> Result<Waypoint, String> {
             "weld belongs to the waypoints of kind \"weld\", which name their seam, and to no others".into(),
         );
     }
+    if row.dwell_s.is_some_and(|dwell_s| !(0.0..=MOST_DWELL_S).contains(&dwell_s)) {
+        return Err(format!("dwell_s is {}, not 0 to {MOST_DWELL_S}", row.dwell_s.unwrap_or_default()));
+    }
     Ok(Waypoint {
         position_mm: Point3::from(row.position_mm),
         base_from_torch: UnitQuaternion::from_quaternion(q),
@@ -126,6 +134,7 @@ fn waypoint(row: Row) -> Result<Waypoint, String> {
         weld: row.weld,
         seam: row.seam,
         kind: row.kind,
+        dwell_s: row.dwell_s,
     })
 }
 
@@ -143,6 +152,7 @@ mod tests {
             weld: kind == Kind::Weld,
             seam: (kind != Kind::Air).then_some(3),
             kind,
+            dwell_s: (kind == Kind::Weld).then_some(0.4),
         };
         vec![at(0.0, Kind::Air), at(1.0, Kind::Approach), at(2.0, Kind::Weld), at(9.0, Kind::Retract)]
     }
@@ -154,7 +164,7 @@ mod tests {
         for (a, b) in program().iter().zip(&back) {
             assert!((a.position_mm - b.position_mm).norm() < 1e-6);
             assert!(a.base_from_torch.angle_to(&b.base_from_torch) < 1e-7);
-            let rest = |w: &Waypoint| (w.feed_mm_s, w.weld, w.seam, w.kind);
+            let rest = |w: &Waypoint| (w.feed_mm_s, w.weld, w.seam, w.kind, w.dwell_s);
             assert_eq!(rest(a), rest(b));
         }
         assert!(read(&write(&[])).unwrap().is_empty());
@@ -169,6 +179,8 @@ mod tests {
             ("[1.0,0.0,0.0,0.0]", "[1.0,1.0,0.0,0.0]", "norm"),
             ("[1.0,0.0,0.0,0.0]", "[1.0,0.0,0.0]", "line"),
             ("1234.567891", "1e999", "line"),
+            ("\"dwell_s\":0.4", "\"dwell_s\":-0.4", "waypoint 2 (counted from 0): dwell_s"),
+            ("\"dwell_s\":0.4", "\"dwell_s\":1e9", "not 0 to"),
             ("\"feed_mm_s\"", "\"feed_m_s\"", "feed_m_s"),
             ("\"version\": 1", "\"version\": 2", "version 2"),
             ("weldpath-program", "other", "other"),

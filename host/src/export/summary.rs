@@ -8,6 +8,8 @@ use crate::feasibility::Report;
 use crate::pipeline::{Derived, Plan, ViewReport};
 use crate::seam::{Joint, Seam};
 use crate::toolpath::SeamPath;
+use crate::toolpath::position::{Position, positions};
+use nalgebra::UnitVector3;
 
 /// Value of `version`; raised when a reader of the old one would misunderstand the new one.
 pub const VERSION: u32 = 1;
@@ -64,6 +66,9 @@ struct SeamSummary {
     closed: bool,
     length_mm: f64,
     points: usize,
+    passes: usize,
+    order: Option<usize>,
+    positions: Vec<Position>,
     confidence: Option<f64>,
     expected_error_mm: Option<f64>,
     expected_error_deg: Option<f64>,
@@ -90,8 +95,16 @@ struct Stage {
 }
 
 impl Summary {
-    /// Of a plan: `paths` are those of the seams that were selected, as they are written.
-    pub fn new(plan: &Plan, source: Source, paths: &[SeamPath], warnings: Vec<String>) -> Self {
+    /// Of a plan: `lines` are the seams that were selected, in weld order and direction, `paths` their passes as they
+    /// are written, `up` is against gravity.
+    pub fn new(
+        plan: &Plan,
+        source: Source,
+        lines: &[SeamPath],
+        paths: &[SeamPath],
+        up: UnitVector3<f64>,
+        warnings: Vec<String>,
+    ) -> Self {
         Self {
             format: "weldpath-summary",
             version: VERSION,
@@ -99,7 +112,7 @@ impl Summary {
             source,
             derived: plan.derived.iter().map(parameter).collect(),
             views: plan.views.iter().map(view).collect(),
-            seams: plan.seams.iter().map(|seam| seam_summary(seam, paths)).collect(),
+            seams: plan.seams.iter().map(|seam| seam_summary(seam, lines, paths, up)).collect(),
             coverage: plan.coverage.iter().map(stretch).collect(),
             stages: plan.stage_s.iter().map(|&(name, time_s)| Stage { name, time_s }).collect(),
             feasibility: None,
@@ -116,6 +129,11 @@ impl Summary {
     /// What the user should know about the run; what concerns one seam stands there.
     pub fn warnings(&self) -> &[String] {
         &self.warnings
+    }
+
+    /// Welding positions of the seam with this id.
+    pub fn positions(&self, id: usize) -> &[Position] {
+        self.seams.iter().find(|seam| seam.id == id).map_or(&[], |seam| &seam.positions)
     }
 
     /// The file's text.
@@ -153,15 +171,22 @@ fn stretch(gap: &Gap) -> Stretch {
     }
 }
 
-fn seam_summary(seam: &Seam, paths: &[SeamPath]) -> SeamSummary {
-    let path = paths.iter().find(|path| path.seam == seam.id);
+fn seam_summary(seam: &Seam, lines: &[SeamPath], paths: &[SeamPath], up: UnitVector3<f64>) -> SeamSummary {
+    let passes = || paths.iter().filter(|path| path.seam == seam.id);
+    let welded = |path: &SeamPath| path.points.iter().filter(|point| point.process.weld).count();
+    let order = lines.iter().position(|path| path.seam == seam.id);
+    let found = SeamPath::along(seam);
+    let line = order.map_or(&found, |k| &lines[k]);
     SeamSummary {
         id: seam.id,
         joint: seam.joint,
-        selected: path.is_some(),
+        selected: order.is_some(),
         closed: seam.closed,
         length_mm: seam.length_mm(),
-        points: path.map_or(0, |path| path.points.len()),
+        points: passes().map(welded).sum(),
+        passes: passes().count(),
+        order: order.map(|k| k + 1),
+        positions: positions(line, up, seam.joint == Joint::ButtV),
         confidence: finite(seam.confidence),
         expected_error_mm: finite(seam.expected_error_mm),
         expected_error_deg: finite(seam.expected_error_deg),

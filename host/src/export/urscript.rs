@@ -1,21 +1,17 @@
 //! `path.script`: the program in URScript, for Universal Robots controllers.
 //!
 //! The dialect's rules: metres and rotation vectors; tool z points into the work, so the torch frame is turned half
-//! round `m`; blend radii stay below half of the shorter neighbouring segment, and 0 ends every seam; a rotation
+//! round `m`; blend radii stay below half of the shorter neighbouring segment, and are 0 at the end of every weld and
+//! wherever the torch stands; a rotation
 //! vector is the representative nearest to the one before, so that component-wise readers see no jump.
 
 use std::fmt::Write;
 
-use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use nalgebra::{UnitQuaternion, Vector3};
 
+use super::moves::{self, blend_mm, into_work};
 use crate::toolpath::program::{Kind, Waypoint};
 
-/// Share of the shorter neighbouring segment that a blend may use; at one half the controller reports an overlap.
-const BLEND_SHARE: f64 = 0.4;
-/// How far a blend may leave a corner, mm.
-const BLEND_DEVIATION_MM: f64 = 0.1;
-/// Longest blend radius, mm.
-const BLEND_LIMIT_MM: f64 = 5.0;
 /// Acceleration of every straight move, m/s².
 const ACCELERATION_M_S2: f64 = 0.5;
 
@@ -106,12 +102,18 @@ impl Script {
         let pose = self.pose(here);
         match here.kind {
             Kind::Weld if welds(before) => {
-                let blend_mm = if welds(after) { blend_mm(before, here, after) } else { 0.0 };
+                let blend_mm = match (before, after) {
+                    (Some(before), Some(next)) if welds(after) && here.dwell_s.is_none() => {
+                        blend_mm(before, here, next)
+                    }
+                    _ => 0.0,
+                };
                 self.line(format_args!(
                     "movep({pose}, a={ACCELERATION_M_S2}, v={}, r={})",
                     metres(here.feed_mm_s),
                     metres((blend_mm * 1e3).floor() / 1e3)
                 ));
+                self.sleep(here.dwell_s.unwrap_or(0.0));
                 if !welds(after) {
                     self.arc_off(arc);
                 }
@@ -123,8 +125,11 @@ impl Script {
             }
         }
         match here.kind {
-            Kind::Approach => self.gas_on(here.seam, arc),
-            Kind::Weld if !welds(before) => self.arc_on(arc),
+            Kind::Approach if after.is_some_and(|after| after.weld) => self.gas_on(here.seam, arc),
+            Kind::Weld if !welds(before) => {
+                self.arc_on(arc);
+                self.sleep(here.dwell_s.unwrap_or(0.0));
+            }
             _ => {}
         }
     }
@@ -194,11 +199,6 @@ impl Script {
     }
 }
 
-/// `R Rot(m, 180°)`: columns `(-o, m, -n)`, so that z points into the work.
-fn into_work(base_from_torch: &UnitQuaternion<f64>) -> UnitQuaternion<f64> {
-    base_from_torch * UnitQuaternion::new_unchecked(Quaternion::new(0.0, 0.0, 1.0, 0.0))
-}
-
 /// Of the vectors of one rotation, `(angle + 2πk) axis`, the one nearest to `previous_rad`; else the shortest.
 fn rotation_vector(q: &UnitQuaternion<f64>, previous_rad: Option<Vector3<f64>>) -> Vector3<f64> {
     let shortest = q.scaled_axis();
@@ -210,24 +210,13 @@ fn rotation_vector(q: &UnitQuaternion<f64>, previous_rad: Option<Vector3<f64>>) 
     shortest + axis * (turns * std::f64::consts::TAU)
 }
 
-/// Largest blend radius that neither overlaps its neighbours nor leaves a corner by more than
-/// [`BLEND_DEVIATION_MM`]: a parabola that starts `r` before a turn by `φ` passes it at `r/2 sin(φ/2)`.
-fn blend_mm(before: Option<&Waypoint>, here: &Waypoint, after: Option<&Waypoint>) -> f64 {
-    let (Some(before), Some(after)) = (before, after) else { return 0.0 };
-    let into = here.position_mm - before.position_mm;
-    let out = after.position_mm - here.position_mm;
-    let half_turn = (0.5 * into.angle(&out)).sin().max(1e-9);
-    (BLEND_SHARE * into.norm().min(out.norm())).min(2.0 * BLEND_DEVIATION_MM / half_turn).min(BLEND_LIMIT_MM)
-}
-
 /// A length in mm as metres, to 10 nm.
 fn metres(length_mm: f64) -> String {
     decimal(length_mm / 1e3)
 }
 
-/// Eight decimals, without a minus before zero.
 fn decimal(value: f64) -> String {
-    format!("{:.8}", (value * 1e8).round() / 1e8 + 0.0)
+    moves::decimal::<8>(value)
 }
 
 #[cfg(test)]
@@ -258,14 +247,5 @@ mod tests {
         let before = rotation_vector(&about(PI - 0.01), None);
         let after = rotation_vector(&about(PI + 0.01), Some(before));
         assert!((after - Vector3::x() * (PI + 0.01)).norm() < 1e-9);
-    }
-
-    #[test]
-    fn the_tool_points_into_the_work_along_the_same_travel() {
-        let torch = UnitQuaternion::from_euler_angles(0.4, -1.1, 2.0);
-        let tool = into_work(&torch);
-        assert!((tool * Vector3::z() + torch * Vector3::z()).norm() < 1e-12);
-        assert!((tool * Vector3::y() - torch * Vector3::y()).norm() < 1e-12);
-        assert!((tool * Vector3::x() + torch * Vector3::x()).norm() < 1e-12);
     }
 }

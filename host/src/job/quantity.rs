@@ -1,8 +1,10 @@
 //! Numbers with a unit and a range, the same for the job file and the command line.
 
+use std::borrow::Cow;
 use std::str::FromStr;
 
-use nalgebra::Point3;
+use nalgebra::{Point3, Unit, UnitVector3, Vector3};
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Serialize};
 
 /// Range of a number: which values make sense to a robot, and which are surely a slip of unit or key.
@@ -73,6 +75,20 @@ macro_rules! quantity {
             }
         }
 
+        impl JsonSchema for $name {
+            fn inline_schema() -> bool {
+                true
+            }
+            fn schema_name() -> Cow<'static, str> {
+                stringify!($name).into()
+            }
+            fn json_schema(_: &mut SchemaGenerator) -> Schema {
+                let number = if $whole { "integer" } else { "number" };
+                let limits = concat!(stringify!($least), " to ", stringify!($most), $unit);
+                json_schema!({ "type": number, "minimum": $least, "maximum": $most, "title": limits })
+            }
+        }
+
         $(impl Default for $name {
             fn default() -> Self {
                 Self($default as $number)
@@ -89,6 +105,38 @@ quantity!(/// Waypoints of each seam.
     Points, whole 2 to 100000);
 quantity!(/// Weld speed; 250 mm/s is what a robot may move in manual mode.
     FeedMmS, 0.1 to 250 " mm/s", default 8);
+quantity!(/// Welded beyond an end of the seam; negative shortens.
+    ExtendMm, -1000 to 1000 " mm", default 0);
+quantity!(/// Along the travel before the start or beyond the end, arc off.
+    LeadMm, 0 to 500 " mm", default 0);
+quantity!(/// Radius of the arc in place of a corner.
+    CornerRadiusMm, 0.5 to 200 " mm", default 3);
+quantity!(/// How far the torch is lifted between stitches.
+    LiftMm, 1 to 200 " mm", default 10);
+quantity!(/// Lean of the torch about the travel; beyond 80 degrees it would lie in the work.
+    WorkAngleDeg, -80 to 80 " deg", default 0);
+quantity!(/// Push or drag.
+    TravelAngleDeg, -60 to 60 " deg", default 0);
+quantity!(/// Turn about the torch axis.
+    TurnDeg, -360 to 360 " deg", default 0);
+quantity!(/// From the seam to the farthest place of a weave on either side.
+    AmplitudeMm, 0.1 to 30 " mm", default 2);
+quantity!(/// Travel in one wave.
+    WavelengthMm, 0.5 to 100 " mm");
+quantity!(/// Waves per second.
+    FrequencyHz, 0.05 to 20 " Hz");
+quantity!(/// How far the sides of a triangle weave are out of the work.
+    HeightMm, 0 to 30 " mm");
+quantity!(/// Length of a stitch or tack.
+    StitchMm, 1 to 2000 " mm", default 20);
+quantity!(/// From the centre of a stitch to the next.
+    PitchMm, 2 to 5000 " mm", default 50);
+quantity!(/// Number of tacks.
+    Tacks, whole 1 to 1000, default 3);
+quantity!(/// Place of a pass to the right of the travel.
+    AcrossMm, -100 to 100 " mm", default 0);
+quantity!(/// Place of a pass out of the work.
+    OutMm, -50 to 100 " mm", default 0);
 quantity!(/// Speed of approach and retract.
     ApproachFeedMmS, 0.1 to 250 " mm/s", default 25);
 quantity!(/// Speed of air moves.
@@ -103,6 +151,10 @@ quantity!(/// Standard digital output of the controller.
     Output, whole 0 to 7, default 0);
 quantity!(/// Standard digital input of the controller.
     Input, whole 0 to 7);
+quantity!(/// Number of a tool on the controller.
+    ToolNumber, whole 1 to 16, default 1);
+quantity!(/// Number of the weld data on the controller.
+    WeldSchedule, whole 1 to 32, default 1);
 quantity!(/// Mass at the flange.
     PayloadKg, 0 to 100 " kg");
 quantity!(Duration, 0 to 60 " s");
@@ -138,8 +190,21 @@ impl<const DEFAULT_MS: u16> From<TimeS<DEFAULT_MS>> for f64 {
     }
 }
 
+impl<const DEFAULT_MS: u16> JsonSchema for TimeS<DEFAULT_MS> {
+    fn inline_schema() -> bool {
+        true
+    }
+    fn schema_name() -> Cow<'static, str> {
+        Duration::schema_name()
+    }
+    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
+        Duration::json_schema(generator)
+    }
+}
+
 /// A place or offset in mm, at most a kilometre away in any direction.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
+#[schemars(inline)]
 #[serde(try_from = "[f64; 3]", into = "[f64; 3]")]
 pub struct Place([f64; 3]);
 
@@ -182,7 +247,8 @@ impl FromStr for Place {
 }
 
 /// A box in the base frame, from its least to its greatest corner.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(inline)]
 #[serde(try_from = "[Place; 2]", into = "[Place; 2]")]
 pub struct Region {
     least: Place,
@@ -225,7 +291,8 @@ impl FromStr for Region {
 }
 
 /// A rotation vector, rad; up to two turns, as controllers write them.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
+#[schemars(inline)]
 #[serde(try_from = "[f64; 3]", into = "[f64; 3]")]
 pub struct RotationVector([f64; 3]);
 
@@ -249,6 +316,83 @@ impl TryFrom<[f64; 3]> for RotationVector {
 impl From<RotationVector> for [f64; 3] {
     fn from(vector: RotationVector) -> Self {
         vector.0
+    }
+}
+
+/// Name of a robot program that every dialect takes: at most 16 letters, digits and underscores, a letter first.
+///
+/// KUKA has the shortest names, of 24 characters, and the longest addition to them, of 8.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[schemars(inline)]
+#[serde(try_from = "String", into = "String")]
+pub struct ProgramName(String);
+
+impl Default for ProgramName {
+    fn default() -> Self {
+        Self("weldpath".into())
+    }
+}
+
+impl TryFrom<String> for ProgramName {
+    type Error = String;
+    fn try_from(name: String) -> Result<Self, String> {
+        let allowed = |c: char| c.is_ascii_alphanumeric() || c == '_';
+        let first = name.chars().next().is_some_and(|c| c.is_ascii_alphabetic());
+        if first && name.len() <= 16 && name.chars().all(allowed) {
+            return Ok(Self(name));
+        }
+        Err(format!(
+            "{name:?} is no name for a robot program: at most 16 letters, digits and underscores, a letter first"
+        ))
+    }
+}
+
+impl From<ProgramName> for String {
+    fn from(name: ProgramName) -> Self {
+        name.0
+    }
+}
+
+impl std::fmt::Display for ProgramName {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+/// A direction of any length.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(inline)]
+#[serde(try_from = "[f64; 3]", into = "[f64; 3]")]
+pub struct Up([f64; 3]);
+
+impl Up {
+    /// The direction.
+    pub fn get(self) -> UnitVector3<f64> {
+        Unit::try_new(Vector3::from(self.0), 1e-9).unwrap_or(Vector3::z_axis())
+    }
+}
+
+impl Default for Up {
+    fn default() -> Self {
+        Self([0.0, 0.0, 1.0])
+    }
+}
+
+impl TryFrom<[f64; 3]> for Up {
+    type Error = String;
+    fn try_from(vector: [f64; 3]) -> Result<Self, String> {
+        let range = Range { least: -1e6, most: 1e6, unit: "", whole: false };
+        vector.iter().try_for_each(|&value| range.check(value).map(drop))?;
+        match Unit::try_new(Vector3::from(vector), 1e-9) {
+            Some(_) => Ok(Self(vector)),
+            None => Err("a direction cannot be zero; give it as in [0, 0, 1]".into()),
+        }
+    }
+}
+
+impl From<Up> for [f64; 3] {
+    fn from(up: Up) -> Self {
+        up.0
     }
 }
 
@@ -278,6 +422,15 @@ mod tests {
             ["1,2,3", "1,2..3,4,5", "1,2,3..0,9,9", "1,2,x..3,4,5", "nan,0,0..1,1,1", "1,2,3,4..5,6,7"]
         {
             assert!(text.parse::<Region>().is_err(), "{text}");
+        }
+    }
+    #[test]
+    fn a_program_name_fits_every_controller() {
+        for name in ["weldpath", "a", "Frame_12_left"] {
+            assert!(ProgramName::try_from(name.to_owned()).is_ok(), "{name}");
+        }
+        for name in ["", "1st", "_a", "a-b", "a b", "ä", "a.b", "seventeen_letters"] {
+            assert!(ProgramName::try_from(name.to_owned()).is_err(), "{name}");
         }
     }
 }

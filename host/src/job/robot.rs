@@ -1,6 +1,7 @@
 //! `[robot]` and `[torch_body]`: what the feasibility check needs to know. Reference: `docs/feasibility.md`.
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::quantity::{Place, RotationVector};
@@ -10,7 +11,7 @@ use crate::feasibility::spherical_wrist::{Opw, SphericalWrist};
 use crate::feasibility::torch::Torch;
 
 /// `[robot]`: the arm, and where it stands.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct RobotSettings {
     /// A name of the catalogue; or any name together with `opw`.
@@ -25,7 +26,7 @@ pub struct RobotSettings {
 }
 
 /// `[robot.opw]`: the parameters of Brandstötter, Angerer and Hofbaur (2014).
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct OpwSettings {
     /// From axis 1 to axis 2, along x.
@@ -60,7 +61,7 @@ fn all_positive() -> [i8; 6] {
 }
 
 /// `[torch_body]`: sizes of the torch, and how near it may come to what was scanned.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct TorchBodySettings {
     /// From the tip of the wire to the nozzle.

@@ -37,6 +37,15 @@ pub enum Error {
         /// The pendant's reach.
         reach_mm: u32,
     },
+    /// The torch has to stand there, which the pendant cannot.
+    #[error(
+        "waypoint {index} (counted from 0) has the torch stand still, and a pendant passes every waypoint; plan without \
+         weave dwell, corner stop and start or end dwell, or run path.script"
+    )]
+    Dwell {
+        /// Its place in the program.
+        index: usize,
+    },
     /// Faster than the pendant moves.
     #[error(
         "waypoint {index} (counted from 0) asks for more than the pendant's {feed_mm_s} mm/s, or for no motion"
@@ -52,6 +61,9 @@ pub enum Error {
 /// Brings a program into the pendant's form. Long moves are divided evenly, on the same line and the same arc;
 /// waypoints nearer to the one before than the pendant's shortest step are left out.
 pub fn upload(program: &[program::Waypoint], limits: &Limits) -> Result<Upload, Error> {
+    if let Some(index) = program.iter().position(|waypoint| waypoint.dwell_s.is_some()) {
+        return Err(Error::Dwell { index });
+    }
     let mut upload = Upload { waypoints: Vec::new(), origin: Vec::new() };
     for (index, segment) in program::segments(program).enumerate() {
         let feed_um_s = feed(&segment, (index + 1).min(program.len() - 1), limits)?;
@@ -173,6 +185,7 @@ mod tests {
             weld: kind == Kind::Weld,
             seam: (kind != Kind::Air).then_some(1),
             kind,
+            dwell_s: None,
         }
     }
 
@@ -226,5 +239,8 @@ mod tests {
         let fast = [at(0.0, 0.0, 100.0, Kind::Air), at(9.0, 0.0, 300.0, Kind::Air)];
         assert_eq!(upload(&fast, &limits()), Err(Error::Feed { index: 1, feed_mm_s: 250 }));
         assert_eq!(upload(&[], &limits()), Err(Error::Short));
+        let mut stands = [at(0.0, 0.0, 100.0, Kind::Air), at(9.0, 0.0, 30.0, Kind::Air)];
+        stands[1].dwell_s = Some(0.0);
+        assert_eq!(upload(&stands, &limits()), Err(Error::Dwell { index: 1 }));
     }
 }

@@ -37,9 +37,14 @@ pub struct WayOut {
 
 impl<'a> Surroundings<'a> {
     /// Over `model` and all of `paths`, mm.
-    pub fn new(model: &'a PointCloud, paths: &[SeamPath], clearance_mm: f64) -> Self {
-        let up = up(paths);
-        let seams = paths.iter().flat_map(|path| &path.points).map(|point| point.position_mm);
+    pub fn new<'p>(
+        model: &'a PointCloud,
+        paths: impl IntoIterator<Item = &'p SeamPath, IntoIter: Clone>,
+        clearance_mm: f64,
+    ) -> Self {
+        let points = paths.into_iter().flat_map(|path| &path.points);
+        let up = up(points.clone());
+        let seams = points.map(|point| point.position_mm);
         let highest_mm = (0..model.len())
             .map(|i| model.in_base_mm(i))
             .chain(seams)
@@ -97,8 +102,8 @@ fn moves<const N: usize>(from_mm: Point3<f64>, places_mm: [Point3<f64>; N]) -> V
     places_mm.into_iter().filter(is_move).collect()
 }
 
-fn up(paths: &[SeamPath]) -> UnitVector3<f64> {
-    let sum: Vector3<f64> = paths.iter().flat_map(|path| &path.points).map(PathPoint::out_of_work).sum();
+fn up<'p>(points: impl Iterator<Item = &'p PathPoint>) -> UnitVector3<f64> {
+    let sum: Vector3<f64> = points.map(PathPoint::out_of_work).sum();
     match Unit::try_new(sum, 1e-9) {
         Some(mean) if mean.z < 0.0 => mean,
         _ => Vector3::z_axis(),
@@ -108,6 +113,7 @@ fn up(paths: &[SeamPath]) -> UnitVector3<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::toolpath::Process;
     use nalgebra::UnitQuaternion;
 
     /// A 200 mm plate in the plane `z = 0`, 5 mm spacing, with more points if asked.
@@ -122,7 +128,9 @@ mod tests {
 
     fn pointing(out: Vector3<f64>) -> Vec<SeamPath> {
         let base_from_torch = UnitQuaternion::face_towards(&out, &Vector3::x());
-        let point = PathPoint { s_mm: 0.0, position_mm: Point3::new(100.0, 100.0, 0.0), base_from_torch };
+        let position_mm = Point3::new(100.0, 100.0, 0.0);
+        let process = Process::default();
+        let point = PathPoint { s_mm: 0.0, position_mm, base_from_torch, process };
         vec![SeamPath { seam: 1, points: vec![point; 2] }]
     }
 

@@ -13,11 +13,11 @@ use crate::cloud::PointCloud;
 pub enum Kind {
     /// Between seams, at or on the way to the safe level.
     Air,
-    /// Off the start of a seam, along the torch axis.
+    /// Off the start of a weld, along the torch axis, or on the line before it.
     Approach,
     /// On a seam.
     Weld,
-    /// Off the end of a seam, along the torch axis.
+    /// Off the end of a weld, along the torch axis, on the line beyond it, or between two stitches.
     Retract,
 }
 
@@ -30,13 +30,15 @@ pub struct Waypoint {
     pub base_from_torch: UnitQuaternion<f64>,
     /// Speed of the straight move that ends here, mm/s.
     pub feed_mm_s: f64,
-    /// The arc burns on a move between two waypoints of one seam that both say so. It is struck, standing still, at
-    /// the first and put out at the last.
+    /// The arc burns on a move between two successive waypoints of one seam that both say so. It is struck, standing
+    /// still, at the first and put out at the last: once for every stitch and pass.
     pub weld: bool,
     /// [`crate::seam::Seam::id`]; none in the air.
     pub seam: Option<usize>,
     /// What the move is for.
     pub kind: Kind,
+    /// How long the torch stands still here, s; 0 stops exactly and goes on, none passes without a stop.
+    pub dwell_s: Option<f64>,
 }
 
 /// The straight move from one waypoint to the next.
@@ -68,10 +70,23 @@ pub struct Motion {
     pub approach_feed_mm_s: f64,
     /// In the air, mm/s.
     pub air_feed_mm_s: f64,
-    /// Distance of approach and retract from the seam along the torch axis, mm.
+    /// Distance of the approach from the seam along the torch axis, mm.
     pub approach_mm: f64,
+    /// Distance of the retract from the seam along the torch axis, mm.
+    pub retract_mm: f64,
+    /// How far the torch is lifted along its axis between the stitches of a seam, mm.
+    pub lift_mm: f64,
     /// Between the scanned model and the air moves, mm.
     pub clearance_mm: f64,
+}
+
+/// One run along a seam, and how the torch moves on it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Pass {
+    /// Where the torch goes, and where the arc burns.
+    pub path: SeamPath,
+    /// How it moves.
+    pub motion: Motion,
 }
 
 /// All moves from the first approach to the last retract.
@@ -83,31 +98,32 @@ pub struct Program {
     pub warnings: Vec<String>,
 }
 
-/// Strings `paths` together in their order; a path of fewer than two points is left out.
-pub fn program(paths: &[SeamPath], model: &PointCloud, motion: &Motion) -> Program {
-    let around = Surroundings::new(model, paths, motion.clearance_mm);
+/// Strings `passes` together in their order; a path with fewer than two welded points is left out.
+pub fn program(passes: &[Pass], model: &PointCloud) -> Program {
+    let clearance_mm = passes.iter().map(|pass| pass.motion.clearance_mm).fold(0.0, f64::max);
+    let around = Surroundings::new(model, passes.iter().map(|pass| &pass.path), clearance_mm);
     let mut program = Program::default();
-    for path in paths {
-        if let [first, .., last] = path.points.as_slice() {
-            let down = way_out(&around, first, motion);
-            let up = way_out(&around, last, motion);
-            if !(down.free && up.free) {
-                program.warnings.push(blocked(path.seam));
+    for pass in passes {
+        let points = pass.path.points.as_slice();
+        let welded = || points.iter().filter(|point| point.process.weld);
+        if let ([first, .., last], true) = (points, welded().count() > 1) {
+            let down = way_out(&around, first, pass.motion.approach_mm);
+            let up = way_out(&around, last, pass.motion.retract_mm);
+            let warning = blocked(pass.path.seam);
+            if !(down.free && up.free || program.warnings.contains(&warning)) {
+                program.warnings.push(warning);
             }
-            let moves = Moves { seam: path.seam, motion };
+            let moves = Moves { seam: pass.path.seam, motion: &pass.motion };
             program.waypoints.extend(down.via_mm.iter().rev().map(|&via| moves.air(via, first)));
-            program.waypoints.push(moves.off_seam(first, Kind::Approach));
-            program.waypoints.extend(path.points.iter().enumerate().map(|(i, p)| moves.weld(p, i == 0)));
-            program.waypoints.push(moves.off_seam(last, Kind::Retract));
+            program.waypoints.extend(moves.along(points));
             program.waypoints.extend(up.via_mm.iter().map(|&via| moves.air(via, last)));
         }
     }
     program
 }
 
-fn way_out(around: &Surroundings, point: &PathPoint, motion: &Motion) -> WayOut {
-    let retract_mm = point.position_mm + point.out_of_work() * motion.approach_mm;
-    around.way_out(retract_mm, point.out_of_work(), motion.approach_mm)
+fn way_out(around: &Surroundings, point: &PathPoint, off_mm: f64) -> WayOut {
+    around.way_out(point.position_mm + point.out_of_work() * off_mm, point.out_of_work(), off_mm)
 }
 
 fn blocked(seam: usize) -> String {
@@ -117,7 +133,7 @@ fn blocked(seam: usize) -> String {
     )
 }
 
-/// Makes the waypoints of one seam.
+/// Makes the waypoints of one pass.
 struct Moves<'a> {
     seam: usize,
     motion: &'a Motion,
@@ -132,28 +148,71 @@ impl Moves<'_> {
             weld: false,
             seam: None,
             kind: Kind::Air,
+            dwell_s: None,
         }
     }
 
-    fn off_seam(&self, end: &PathPoint, kind: Kind) -> Waypoint {
-        let position_mm = end.position_mm + end.out_of_work() * self.motion.approach_mm;
-        let feed_mm_s = match kind {
-            Kind::Retract => self.motion.approach_feed_mm_s,
-            _ => self.motion.air_feed_mm_s,
-        };
-        Waypoint { feed_mm_s, seam: Some(self.seam), kind, ..self.air(position_mm, end) }
+    /// From the approach to the retract. What is not welded before the first stretch and after the last is on the line
+    /// (lead-in, lead-out); between stretches the torch is lifted.
+    fn along(&self, points: &[PathPoint]) -> Vec<Waypoint> {
+        let (first, last) = (&points[0], &points[points.len() - 1]);
+        let weld = |k: &usize| points[*k].process.weld;
+        let first_weld = (0..points.len()).find(weld).unwrap_or(0);
+        let last_weld = (0..points.len()).rfind(weld).unwrap_or(points.len() - 1);
+        let Motion { approach_mm, retract_mm, approach_feed_mm_s: slow, air_feed_mm_s: fast, .. } =
+            *self.motion;
+        let mut waypoints = vec![self.lifted(first, approach_mm, Kind::Approach, fast)];
+        for (k, point) in points.iter().enumerate() {
+            match k {
+                _ if point.process.weld => self.weld(points, k, &mut waypoints),
+                lead_in if lead_in < first_weld => {
+                    waypoints.push(self.lifted(point, 0.0, Kind::Approach, slow))
+                }
+                lead_out if lead_out > last_weld => {
+                    waypoints.push(self.lifted(point, 0.0, Kind::Retract, slow))
+                }
+                _ => waypoints.push(self.lifted(point, self.motion.lift_mm, Kind::Retract, fast)),
+            }
+        }
+        waypoints.push(self.lifted(last, retract_mm, Kind::Retract, slow));
+        waypoints
     }
 
-    fn weld(&self, point: &PathPoint, first: bool) -> Waypoint {
-        let feed_mm_s = if first { self.motion.approach_feed_mm_s } else { self.motion.feed_mm_s };
-        let pose = self.air(point.position_mm, point);
-        Waypoint { feed_mm_s, weld: true, seam: Some(self.seam), kind: Kind::Weld, ..pose }
+    /// A welded point; between stitches with the lift that leads to it, or off it.
+    fn weld(&self, points: &[PathPoint], k: usize, waypoints: &mut Vec<Waypoint>) {
+        let Motion { lift_mm, approach_feed_mm_s: slow, air_feed_mm_s: fast, .. } = *self.motion;
+        let (point, burning) = (&points[k], k > 0 && points[k - 1].process.weld);
+        if !burning && points[..k].iter().any(|point| point.process.weld) {
+            waypoints.push(self.lifted(point, lift_mm, Kind::Approach, fast));
+        }
+        let feed_mm_s = if burning { self.feed_mm_s(point) } else { slow };
+        let dwell_s = point.process.dwell_s;
+        waypoints.push(Waypoint { weld: true, dwell_s, ..self.lifted(point, 0.0, Kind::Weld, feed_mm_s) });
+        let ends = points.get(k + 1).is_some_and(|next| !next.process.weld);
+        if ends && points[k..].iter().skip(1).any(|point| point.process.weld) {
+            waypoints.push(self.lifted(point, lift_mm, Kind::Retract, slow));
+        }
+    }
+
+    /// Speed of a welding move; what is faster than a robot may move in manual mode is slowed down to that.
+    fn feed_mm_s(&self, point: &PathPoint) -> f64 {
+        (self.motion.feed_mm_s * point.process.feed_factor).min(MOST_FEED_MM_S)
+    }
+
+    fn lifted(&self, point: &PathPoint, by_mm: f64, kind: Kind, feed_mm_s: f64) -> Waypoint {
+        let position_mm = point.position_mm + point.out_of_work() * by_mm;
+        Waypoint { feed_mm_s, seam: Some(self.seam), kind, ..self.air(position_mm, point) }
     }
 }
+
+/// Fastest welding move, mm/s: manual mode of ISO 10218-1.
+const MOST_FEED_MM_S: f64 = 250.0;
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::toolpath::Process;
+    use crate::toolpath::ends::{directions, lead};
     use nalgebra::Vector3;
 
     const MOTION: Motion = Motion {
@@ -161,8 +220,15 @@ mod tests {
         approach_feed_mm_s: 20.0,
         air_feed_mm_s: 100.0,
         approach_mm: 50.0,
+        retract_mm: 50.0,
+        lift_mm: 5.0,
         clearance_mm: 30.0,
     };
+
+    fn of(paths: &[SeamPath]) -> Program {
+        let pass = |path: &SeamPath| Pass { path: path.clone(), motion: MOTION };
+        program(&paths.iter().map(pass).collect::<Vec<_>>(), &model())
+    }
 
     fn line(seam: usize, y_mm: f64, tilt_rad: f64) -> SeamPath {
         let base_from_torch = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), tilt_rad);
@@ -170,6 +236,7 @@ mod tests {
             s_mm: f64::from(i),
             position_mm: Point3::new(0.0, y_mm + f64::from(i), 0.0),
             base_from_torch,
+            process: Process::default(),
         };
         SeamPath { seam, points: (0..5).map(at).collect() }
     }
@@ -181,7 +248,7 @@ mod tests {
 
     #[test]
     fn every_seam_is_approached_and_left_along_its_torch_axis() {
-        let program = program(&[line(1, 0.0, 0.5), line(2, 40.0, -0.5)], &model(), &MOTION);
+        let program = of(&[line(1, 0.0, 0.5), line(2, 40.0, -0.5)]);
         for w in program.waypoints.windows(2) {
             let step = w[1].position_mm - w[0].position_mm;
             let n = w[1].base_from_torch * Vector3::z();
@@ -199,7 +266,7 @@ mod tests {
 
     #[test]
     fn air_moves_cross_above_the_highest_point_of_the_model() {
-        let program = program(&[line(1, 0.0, 0.5), line(2, 40.0, -0.5)], &model(), &MOTION);
+        let program = of(&[line(1, 0.0, 0.5), line(2, 40.0, -0.5)]);
         let crossing = |w: &&[Waypoint]| w[0].kind == Kind::Air && w[1].kind == Kind::Air;
         let crossings: Vec<_> = program.waypoints.windows(2).filter(crossing).collect();
         assert_eq!(crossings.len(), 1);
@@ -209,14 +276,14 @@ mod tests {
 
     #[test]
     fn only_the_moves_along_a_seam_have_the_weld_feed() {
-        let program = program(&[line(1, 0.0, 0.0)], &model(), &MOTION);
+        let program = of(&[line(1, 0.0, 0.0)]);
         let feeds: Vec<f64> = program.waypoints.iter().map(|w| w.feed_mm_s).collect();
         assert_eq!(feeds, [100.0, 100.0, 20.0, 8.0, 8.0, 8.0, 8.0, 20.0, 100.0]);
     }
 
     #[test]
     fn segments_burn_between_the_waypoints_of_one_seam_and_nowhere_else() {
-        let waypoints = program(&[line(1, 0.0, 0.0), line(2, 40.0, 0.0)], &model(), &MOTION).waypoints;
+        let waypoints = of(&[line(1, 0.0, 0.0), line(2, 40.0, 0.0)]).waypoints;
         let segments: Vec<Segment> = segments(&waypoints).collect();
         assert_eq!(segments.len(), waypoints.len());
         assert_eq!(segments.iter().filter(|segment| segment.weld).count(), 2 * 4);
@@ -226,7 +293,57 @@ mod tests {
     #[test]
     fn no_seams_or_a_single_point_make_no_moves() {
         let lonely = SeamPath { seam: 1, points: line(1, 0.0, 0.0).points[..1].to_vec() };
-        assert!(program(&[], &model(), &MOTION).waypoints.is_empty());
-        assert!(program(&[lonely], &PointCloud::default(), &MOTION).waypoints.is_empty());
+        assert!(of(&[]).waypoints.is_empty());
+        assert!(of(&[lonely]).waypoints.is_empty());
+        let pass = Pass { path: line(1, 0.0, 0.0), motion: MOTION };
+        assert!(
+            !program(&[pass], &PointCloud::default()).waypoints.is_empty(),
+            "a model without points is none"
+        );
+    }
+
+    #[test]
+    fn between_stitches_the_torch_is_lifted_and_the_arc_is_off() {
+        let mut path = line(1, 0.0, 0.0);
+        path.points[2].process.weld = false;
+        let waypoints = of(&[path]).waypoints;
+        let row = |w: &Waypoint| (w.kind, w.weld, w.position_mm.y, w.position_mm.z);
+        let rows: Vec<_> = waypoints.iter().filter(|w| w.seam.is_some()).map(row).collect();
+        let (a, w, r) = (Kind::Approach, Kind::Weld, Kind::Retract);
+        assert_eq!(
+            rows,
+            [
+                (a, false, 0.0, 50.0),
+                (w, true, 0.0, 0.0),
+                (w, true, 1.0, 0.0),
+                (r, false, 1.0, 5.0),
+                (r, false, 2.0, 5.0),
+                (a, false, 3.0, 5.0),
+                (w, true, 3.0, 0.0),
+                (w, true, 4.0, 0.0),
+                (r, false, 4.0, 50.0),
+            ]
+        );
+        assert_eq!(segments(&waypoints).filter(|segment| segment.weld).count(), 2);
+    }
+
+    #[test]
+    fn leads_are_on_the_line_without_an_arc() {
+        let line = line(1, 0.0, 0.0);
+        let waypoints = of(&[lead(&line, &directions(&line).unwrap(), 7.0, 3.0)]).waypoints;
+        let on_line: Vec<_> = waypoints.iter().filter(|w| w.position_mm.z == 0.0).collect();
+        let (first, last) = (on_line[0], on_line[on_line.len() - 1]);
+        assert_eq!((first.kind, first.weld, first.position_mm.y), (Kind::Approach, false, -7.0));
+        assert_eq!((last.kind, last.weld, last.position_mm.y), (Kind::Retract, false, 7.0));
+        assert_eq!(segments(&waypoints).filter(|segment| segment.weld).count(), 4);
+    }
+
+    #[test]
+    fn a_weave_faster_than_manual_mode_is_slowed_down() {
+        let mut path = line(1, 0.0, 0.0);
+        path.points[2].process.feed_factor = 2.0;
+        path.points[3].process.feed_factor = 100.0;
+        let feeds: Vec<f64> = of(&[path]).waypoints.iter().filter(|w| w.weld).map(|w| w.feed_mm_s).collect();
+        assert_eq!(feeds, [20.0, 8.0, 16.0, 250.0, 8.0]);
     }
 }

@@ -5,13 +5,11 @@
 
 use nalgebra::UnitQuaternion;
 
-use super::{PathPoint, SeamPath};
+use super::{PathPoint, SAME_PLACE_MM, SeamPath, between};
 
 /// A turn at one point sharper than this is a corner. A 2 mm chord turns that much only below a radius of 4 mm, where
 /// keeping every point is right as well.
 const CORNER_DEG: f64 = 30.0;
-/// Points nearer than this are one place.
-const SAME_PLACE_MM: f64 = 1e-6;
 
 /// How densely a path is sampled.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -42,7 +40,7 @@ pub fn resample(path: &SeamPath, sampling: Sampling) -> SeamPath {
     SeamPath { seam: path.seam, points: sampled }
 }
 
-fn without_repeats(points: &[PathPoint]) -> Vec<PathPoint> {
+pub(super) fn without_repeats(points: &[PathPoint]) -> Vec<PathPoint> {
     let mut kept: Vec<PathPoint> = Vec::with_capacity(points.len());
     for point in points {
         let repeats = kept.last().is_some_and(|last| {
@@ -57,7 +55,7 @@ fn without_repeats(points: &[PathPoint]) -> Vec<PathPoint> {
 }
 
 /// Distance along the polyline of every point, mm, from the first point's own `s_mm`.
-fn arc_lengths_mm(points: &[PathPoint]) -> Vec<f64> {
+pub(super) fn arc_lengths_mm(points: &[PathPoint]) -> Vec<f64> {
     let mut s = points[0].s_mm;
     let steps = points.windows(2).map(|w| (w[1].position_mm - w[0].position_mm).norm());
     std::iter::once(s)
@@ -69,7 +67,7 @@ fn arc_lengths_mm(points: &[PathPoint]) -> Vec<f64> {
 }
 
 /// Index pairs (first, last) of the stretches between corners; neighbours share their corner.
-fn runs_between_corners(points: &[PathPoint]) -> Vec<(usize, usize)> {
+pub(super) fn runs_between_corners(points: &[PathPoint]) -> Vec<(usize, usize)> {
     let inner = (1..points.len() - 1).filter(|&i| is_corner(points, i));
     let breaks: Vec<usize> = std::iter::once(0).chain(inner).chain([points.len() - 1]).collect();
     breaks.windows(2).map(|w| (w[0], w[1])).collect()
@@ -119,24 +117,14 @@ impl Run<'_> {
         let last = self.points.len() - 1;
         let s_mm = self.s_mm[0] + share * (self.s_mm[last] - self.s_mm[0]);
         let i = self.s_mm.partition_point(|&s| s <= s_mm).clamp(1, last);
-        let (a, b) = (&self.points[i - 1], &self.points[i]);
         let step_mm = self.s_mm[i] - self.s_mm[i - 1];
         let alpha = if step_mm > 0.0 { (s_mm - self.s_mm[i - 1]) / step_mm } else { share };
-        PathPoint {
-            s_mm,
-            position_mm: a.position_mm + (b.position_mm - a.position_mm) * alpha,
-            base_from_torch: slerp(&a.base_from_torch, &b.base_from_torch, alpha),
-        }
+        PathPoint { s_mm, ..between(&self.points[i - 1], &self.points[i], alpha) }
     }
 }
 
-/// Shortest way round; where that is not unique (half a turn apart) the nearer end.
-fn slerp(a: &UnitQuaternion<f64>, b: &UnitQuaternion<f64>, alpha: f64) -> UnitQuaternion<f64> {
-    a.try_slerp(b, alpha, 1e-9).unwrap_or(if alpha < 0.5 { *a } else { *b })
-}
-
 /// Chooses of `q` and `-q`, the same rotation, the one nearer to its predecessor: readers interpolate components.
-fn keep_signs(points: &mut [PathPoint]) {
+pub(super) fn keep_signs(points: &mut [PathPoint]) {
     for i in 1..points.len() {
         let previous = points[i - 1].base_from_torch;
         let q = &mut points[i].base_from_torch;
@@ -149,6 +137,7 @@ fn keep_signs(points: &mut [PathPoint]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::toolpath::Process;
     use nalgebra::{Point3, Vector3};
     use std::f64::consts::{FRAC_PI_2, TAU};
 
@@ -157,6 +146,7 @@ mod tests {
             s_mm: 0.0,
             position_mm: Point3::from(*p),
             base_from_torch: UnitQuaternion::identity(),
+            process: Process::default(),
         };
         SeamPath { seam: 1, points: positions.iter().map(at).collect() }
     }
@@ -167,7 +157,8 @@ mod tests {
             let angle = TAU * i as f64 / points as f64;
             let base_from_torch = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle);
             let position_mm = Point3::new(radius_mm * angle.cos(), radius_mm * angle.sin(), 0.0);
-            path.points.push(PathPoint { s_mm: 0.0, position_mm, base_from_torch });
+            let process = Process::default();
+            path.points.push(PathPoint { s_mm: 0.0, position_mm, base_from_torch, process });
         }
         path
     }

@@ -1,7 +1,7 @@
 //! Torch poses along a seam (paper II-F): core's frame at every station.
 
 use crate::seam::{Seam, Station};
-use crate::toolpath::{PathPoint, SeamPath};
+use crate::toolpath::{PathPoint, Process, SeamPath};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use weldpath_core::Direction;
 use weldpath_core::path::torch;
@@ -21,7 +21,8 @@ impl SeamPath {
                     base_from_torch = UnitQuaternion::new_unchecked(-base_from_torch.into_inner());
                 }
             }
-            points.push(PathPoint { s_mm, position_mm: station.position_mm, base_from_torch });
+            let process = Process::default();
+            points.push(PathPoint { s_mm, position_mm: station.position_mm, base_from_torch, process });
         }
         Self { seam: seam.id, points }
     }

@@ -1,0 +1,107 @@
+//! `weldpath refit`: a saved program on a part that has moved.
+
+use std::path::{Path, PathBuf};
+
+use weldpath::export::directory::{self, File};
+use weldpath::export::{json, ply};
+use weldpath::job::{Job, Units};
+use weldpath::postprocessing::program_files;
+use weldpath::refit::{self, Refit};
+use weldpath::scan;
+use weldpath::toolpath::program::Waypoint;
+
+use super::{Exit, Failure, print};
+
+/// Move a saved program to where the part is in a new scan
+///
+/// Lays the saved model over the new scan, and moves the program with it. The part is looked for within 50 mm and 20
+/// degrees of where it was; if it is not found there, nothing is written.
+#[derive(Debug, clap::Args)]
+pub(super) struct Args {
+    /// Folder that `weldpath plan` wrote
+    saved: PathBuf,
+    /// New scan of the part: folder with scan.json, or one cloud
+    scan: PathBuf,
+    /// Folder for the results; files there are replaced all at once or not at all
+    #[arg(long, value_name = "DIR", default_value = "refitted")]
+    out: PathBuf,
+    /// Unit of the new scan, where the file does not say it [default: auto]
+    #[arg(long)]
+    units: Option<Units>,
+    /// Print nothing but errors
+    #[arg(long, short)]
+    quiet: bool,
+}
+
+pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    let saved = read(&args.saved)?;
+    let not_written = |error| Failure::new(Exit::Output, error).hint("choose another folder with --out");
+    directory::check(&args.out).map_err(not_written)?;
+    let options = scan::Options { units: super::plan::units(args.units.unwrap_or_default()) };
+    let scan = scan::read(&args.scan, &options).map_err(|error| Failure::new(Exit::Input, error))?;
+    let new = refit::cloud(&scan.views);
+    let fit = refit::refit(&saved.program, &saved.model, &new).map_err(|error| {
+        Failure::new(Exit::NoSeam, error).hint("plan the new scan with `weldpath plan` instead")
+    })?;
+    let program = refit::moved(&saved.program, &fit.new_from_old);
+    let mut files = program_files(&program, &saved.job).map_err(super::plan::too_long)?;
+    files.push(File::new("model.ply", ply::write(&new)));
+    files.push(File::new("job.toml", saved.job.to_toml()));
+    files.push(File::new("refit.json", summary(&fit)));
+    directory::write(&args.out, &files).map_err(not_written)?;
+    if args.quiet { Ok(()) } else { print(&told(&fit, &scan.warnings, &args.out)) }
+}
+
+struct Saved {
+    program: Vec<Waypoint>,
+    model: weldpath::cloud::PointCloud,
+    job: Job,
+}
+
+fn read(folder: &Path) -> Result<Saved, Failure> {
+    let cannot = |file: &Path, why: String| {
+        Failure::new(Exit::Input, format!("cannot read {}: {why}", file.display()))
+            .hint("give the folder that `weldpath plan` wrote, with path.json, model.ply and job.toml")
+    };
+    let path = folder.join("path.json");
+    let text = std::fs::read_to_string(&path).map_err(|error| cannot(&path, error.to_string()))?;
+    let program = json::read(&text).map_err(|error| cannot(&path, error.to_string()))?;
+    let path = folder.join("model.ply");
+    let bytes = std::fs::read(&path).map_err(|error| cannot(&path, error.to_string()))?;
+    let model = ply::read(&bytes).map_err(|error| cannot(&path, error.to_string()))?;
+    let path = folder.join("job.toml");
+    let job = Job::read(&path).map_err(|error| Failure::new(Exit::Input, &error).hint(error.hint()))?;
+    Ok(Saved { program, model, job })
+}
+
+fn summary(fit: &Refit) -> String {
+    let rows: Vec<Vec<f64>> =
+        fit.new_from_old.to_homogeneous().row_iter().map(|row| row.iter().copied().collect()).collect();
+    let text = serde_json::json!({
+        "format": "weldpath-refit",
+        "version": 1,
+        "new_from_old": rows,
+        "found": fit.found,
+        "rms_mm": fit.rms_mm,
+        "moved_mm": fit.moved_mm,
+        "turned_deg": fit.turned_deg,
+        "warnings": fit.warnings,
+    });
+    format!("{text:#}\n")
+}
+
+fn told(fit: &Refit, scan_warnings: &[String], out: &Path) -> String {
+    let mut text = format!(
+        "the part moved by {:.1} mm and {:.2} deg; {:.0} % of the saved model about the welds lies on the new scan, \
+         {:.2} mm RMS\n",
+        fit.moved_mm,
+        fit.turned_deg,
+        100.0 * fit.found,
+        fit.rms_mm
+    );
+    for warning in scan_warnings.iter().chain(&fit.warnings) {
+        text.push_str(&format!("warning: {warning}\n"));
+    }
+    text.push_str(&format!("{}: path.json, path.script, model.ply, job.toml, refit.json\n", out.display()));
+    text
+}

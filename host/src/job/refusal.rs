@@ -1,0 +1,153 @@
+//! Why a job file is refused: the line, the reason, and what to write instead.
+
+use std::path::{Path, PathBuf};
+
+use super::layer::{self, Weld};
+use super::robot::RobotSettings;
+use super::{Job, Method};
+
+/// Why a job file is refused.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum Error {
+    /// The file cannot be read at all.
+    #[error("cannot read job file {}: {why}", path.display())]
+    Unreadable {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        why: String,
+    },
+    /// A line of it makes no sense.
+    #[error("{}:{line}: {why}", path.display())]
+    Line {
+        /// The file.
+        path: PathBuf,
+        /// Counted from 1.
+        line: usize,
+        /// What is wrong, in words.
+        why: String,
+        /// What to write instead.
+        hint: String,
+    },
+}
+
+impl Error {
+    /// What to do about it.
+    pub fn hint(&self) -> &str {
+        match self {
+            Self::Unreadable { .. } => {
+                "every run of `weldpath plan` writes a complete job.toml to start from"
+            }
+            Self::Line { hint, .. } => hint,
+        }
+    }
+}
+
+/// What only the whole job can say.
+pub(super) fn check(job: &Job, text: &str, path: &Path) -> Result<(), Error> {
+    let refuse = |line: usize, why: &str, hint: &str| {
+        Err(Error::Line { path: path.into(), line, why: why.into(), hint: hint.into() })
+    };
+    if job.ratio_threshold.is_some() && job.method == Method::Weldpath {
+        let hint = "add method = \"paper\", or leave the threshold to be found from the data";
+        return refuse(
+            line_of_key(text, "ratio_threshold"),
+            "only the paper's method has a ratio_threshold",
+            hint,
+        );
+    }
+    let welds = std::iter::once(job.weld()).chain(job.seams.iter().map(layer::SeamSettings::weld));
+    if let Some([a, b]) = welds.flat_map(|weld| exclusive(&weld)).next() {
+        let why = format!("{a} and {b} exclude each other");
+        return refuse(line_of_key(text, b), &why, "keep one of the two lines");
+    }
+    let faults = [job.robot.as_ref().and_then(RobotSettings::fault), job.torch_body.and_then(|t| t.fault())];
+    if let Some((key, why)) = faults.into_iter().flatten().next() {
+        let hint = "docs/feasibility.md lists the keys of [robot] and [torch_body]";
+        return refuse(line_of_key(text, key), &why, hint);
+    }
+    if job.seams.iter().any(|seam| seam.id.is_some() == seam.near_mm.is_some()) {
+        let hint = "give id = 2, or near_mm = [120, -35, 8]";
+        return refuse(line_of_key(text, "[[seam]]"), "a [[seam]] has either an id or a near_mm", hint);
+    }
+    Ok(())
+}
+
+/// Keys given together of which only one can hold.
+fn exclusive(weld: &Weld) -> Vec<[&'static str; 2]> {
+    let layers =
+        std::iter::once((weld.path, weld.weave)).chain(weld.passes.iter().map(|p| (p.path, p.weave)));
+    layers
+        .flat_map(|(path, weave)| {
+            let points = path.spacing_mm.is_some() && path.points.is_some();
+            let waves = weave.wavelength_mm.is_some() && weave.frequency_hz.is_some();
+            let names = [(points, ["spacing_mm", "points"]), (waves, ["wavelength_mm", "frequency_hz"])];
+            names.into_iter().filter_map(|(both, names)| both.then_some(names))
+        })
+        .collect()
+}
+
+/// Where a key stands, alone or with a dotted path before it; counted from 1.
+fn line_of_key(text: &str, key: &str) -> usize {
+    let is_it = |line: &str| {
+        let name = line.split('=').next().unwrap_or_default().trim();
+        name == key || name.rsplit('.').next() == Some(key)
+    };
+    1 + text.lines().position(is_it).unwrap_or(0)
+}
+
+/// What TOML or a type of the job refuses.
+pub(super) fn of_toml(text: &str, path: &Path, error: &toml::de::Error) -> Error {
+    let start = error.span().map_or(0, |span| span.start);
+    let line = 1 + text.bytes().take(start).filter(|&b| b == b'\n').count();
+    let why = error.message().to_owned();
+    let hint = hint(&why);
+    Error::Line { path: path.into(), line, why, hint }
+}
+
+fn hint(why: &str) -> String {
+    let number_with_unit = why.starts_with("invalid type: string") && why.contains("expected f64");
+    if number_with_unit {
+        return "write the number alone, without quotes: its unit is in the name of the key".into();
+    }
+    unknown_name(why).unwrap_or_else(|| "docs/formats.md lists every key with its unit and range".into())
+}
+
+/// For "unknown field `a`, expected one of `b`, `c`": what `a` should be.
+fn unknown_name(message: &str) -> Option<String> {
+    let mut names = message.split('`').skip(1).step_by(2);
+    let wrong = names.next().filter(|_| message.starts_with("unknown"))?;
+    let names: Vec<&str> = names.collect();
+    if let Some((right, unit)) = names.iter().find_map(|name| Some((name, other_unit(wrong, name)?))) {
+        return Some(format!("did you mean `{right}`? It is in {unit}; convert the number"));
+    }
+    if let Some(table) = layer::table_of(wrong).filter(|_| !names.contains(&wrong)) {
+        return Some(format!("`{wrong}` belongs in [{table}]"));
+    }
+    let likeness = |name: &&str| strsim::jaro_winkler(wrong, name);
+    let right = names.iter().copied().max_by(|a, b| likeness(a).total_cmp(&likeness(b)))?;
+    Some(format!("did you mean `{right}`?"))
+}
+
+/// Endings of keys and what they mean.
+const UNITS: [(&str, &str); 6] = [
+    ("_mm_s", "millimetres per second"),
+    ("_mm", "millimetres"),
+    ("_deg", "degrees"),
+    ("_hz", "hertz"),
+    ("_s", "seconds"),
+    ("_kg", "kilograms"),
+];
+/// Endings that say a unit which no key has.
+const FOREIGN: [&str; 16] = [
+    "_mm_min", "_cm_min", "_m_min", "_m_s", "_cm_s", "_ipm", "_in_min", "_inch", "_in", "_cm", "_um", "_m",
+    "_rad", "_ms", "_min", "_sec",
+];
+
+/// The unit of `right`, if `wrong` is the same quantity in another unit.
+fn other_unit(wrong: &str, right: &str) -> Option<&'static str> {
+    let (stem, unit) = UNITS.iter().find_map(|(ending, unit)| Some((right.strip_suffix(ending)?, *unit)))?;
+    let foreign = FOREIGN.iter().chain(UNITS.iter().map(|(ending, _)| ending));
+    let same = foreign.filter_map(|ending| wrong.strip_suffix(ending)).any(|other| other == stem);
+    (same && wrong != right).then_some(unit)
+}

@@ -1,0 +1,190 @@
+//! What a robot did, whichever language it was told in, and the rules that hold for all of them.
+//!
+//! The interpreters of the dialects share this form and nothing of the emitters.
+
+use nalgebra::{Matrix3, Vector3};
+use weldpath::job::Job;
+use weldpath::postprocessing::{Output, postprocess};
+use weldpath::toolpath::program::Waypoint;
+
+use crate::plans;
+
+/// Welds that stop at corners, dwell, weave and leave gaps.
+pub const WOVEN: &str = r#"
+[path]
+corner = "stop"
+start_dwell_s = 0.4
+[weave]
+shape = "zigzag"
+amplitude_mm = 3
+wavelength_mm = 6
+dwell_left_s = 0.25
+[stitch]
+pattern = "stitches"
+length_mm = 20
+pitch_mm = 40
+"#;
+
+/// A file of a program: its name and its text.
+pub type Text = (String, String);
+
+/// One move.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Step {
+    /// mm, base frame.
+    pub position_mm: Vector3<f64>,
+    /// Columns: the tool's axes in the base frame.
+    pub base_from_tool: Matrix3<f64>,
+    /// None where the move is one of the joints.
+    pub speed_mm_s: Option<f64>,
+    /// Whether the robot stands at the end of it.
+    pub stops: bool,
+    /// Where the corner may be cut, mm.
+    pub blend_mm: f64,
+    /// How long it stands at the end of it, arc on, s.
+    pub dwell_s: f64,
+    /// Whether the arc burns on the way.
+    pub burning: bool,
+}
+
+/// How exact a dialect is.
+#[derive(Debug, Clone, Copy)]
+pub struct Tolerance {
+    /// Position, mm.
+    pub position_mm: f64,
+    /// Rotation, rad.
+    pub rotation_rad: f64,
+    /// Speed, mm/s.
+    pub speed_mm_s: f64,
+}
+
+/// Whether `steps` are the plan; the first rule that is broken is named.
+pub fn check(steps: &[Step], waypoints: &[Waypoint], tolerance: &Tolerance) -> Result<(), String> {
+    require(steps.len() == waypoints.len(), || format!("{} moves, not {}", steps.len(), waypoints.len()))?;
+    for (i, (step, waypoint)) in steps.iter().zip(waypoints).enumerate() {
+        pose(step, waypoint, tolerance).map_err(|why| format!("move {i} {why}"))?;
+        let speed_off = step.speed_mm_s.map_or(0.0, |speed| (speed - waypoint.feed_mm_s).abs());
+        require(speed_off <= tolerance.speed_mm_s, || format!("move {i} has speed {:?}", step.speed_mm_s))?;
+        require(step.speed_mm_s.is_some() || i == 0, || format!("move {i} is a joint move"))?;
+        let welding = welds(waypoints, i);
+        require(step.burning == welding, || format!("move {i}: arc {}, welding {welding}", step.burning))?;
+        blend(steps, waypoints, i)?;
+    }
+    Ok(())
+}
+
+fn welds(waypoints: &[Waypoint], i: usize) -> bool {
+    i > 0
+        && waypoints
+            .get(i)
+            .is_some_and(|to| to.weld && waypoints[i - 1].weld && to.seam == waypoints[i - 1].seam)
+}
+
+fn pose(step: &Step, waypoint: &Waypoint, tolerance: &Tolerance) -> Result<(), String> {
+    let away_mm = (step.position_mm - waypoint.position_mm.coords).norm();
+    require(away_mm < tolerance.position_mm, || format!("ends {away_mm} mm away"))?;
+    // Tool (x, y, z) = (-o, m, -n).
+    let torch: Matrix3<f64> = waypoint.base_from_torch.to_rotation_matrix().into_inner();
+    let tool = Matrix3::from_columns(&[-torch.column(0), torch.column(1).into(), -torch.column(2)]);
+    let turned_rad = (step.base_from_tool - tool).norm() / std::f64::consts::SQRT_2;
+    require(turned_rad < tolerance.rotation_rad, || format!("is turned by {turned_rad} rad"))
+}
+
+/// Amid a seam the robot does not stop and cuts no corner beyond half a segment; elsewhere it arrives.
+fn blend(steps: &[Step], waypoints: &[Waypoint], i: usize) -> Result<(), String> {
+    let step = &steps[i];
+    let between = welds(waypoints, i) && welds(waypoints, i + 1);
+    let dwell_s = waypoints[i].dwell_s;
+    let waits = (step.dwell_s - dwell_s.unwrap_or(0.0)).abs();
+    require(!between || waits < 0.006, || format!("move {i} waits for {} s", step.dwell_s))?;
+    let goes_on = between && dwell_s.is_none();
+    if !goes_on {
+        return require(step.stops, || format!("move {i} does not arrive"));
+    }
+    require(!step.stops, || format!("move {i} stops amid the seam"))?;
+    let segment_mm = |a: usize, b: usize| (steps[b].position_mm - steps[a].position_mm).norm();
+    let shorter_mm = segment_mm(i - 1, i).min(segment_mm(i, i + 1));
+    require(step.blend_mm < 0.5 * shorter_mm, || {
+        format!("move {i}: blend {} of {shorter_mm} mm", step.blend_mm)
+    })
+}
+
+/// Ok, or the broken rule in words.
+pub fn require(condition: bool, what: impl FnOnce() -> String) -> Result<(), String> {
+    if condition { Ok(()) } else { Err(what()) }
+}
+
+/// The rotation by `deg` about the base axis 0, 1 or 2.
+pub fn about(axis: usize, deg: f64) -> Matrix3<f64> {
+    let (sin, cos) = deg.to_radians().sin_cos();
+    let (j, k) = ((axis + 1) % 3, (axis + 2) % 3);
+    let mut m = Matrix3::identity();
+    (m[(j, j)], m[(j, k)], m[(k, j)], m[(k, k)]) = (cos, -sin, sin, cos);
+    m
+}
+
+/// The output of a plan of two seams, made by `job`.
+///
+/// # Panics
+/// If the job is refused.
+pub fn output(job: &str) -> Output {
+    let job = Job::parse(job, std::path::Path::new("job.toml")).expect("a job");
+    postprocess(&plans::pipe_and_bend(), &job, Default::default()).expect("seams")
+}
+
+/// The files of `output` whose names end so.
+///
+/// # Panics
+/// If there is none.
+pub fn texts(output: &Output, ends: &[&str]) -> Vec<Text> {
+    let wanted = output.files.iter().filter(|file| ends.iter().any(|end| file.name.ends_with(end)));
+    let texts: Vec<Text> = wanted
+        .map(|file| (file.name.clone(), String::from_utf8(file.bytes.clone()).expect("text")))
+        .collect();
+    assert!(!texts.is_empty(), "no {ends:?}");
+    texts
+}
+
+/// Every mutation `(from, to, why)`, at the first place where it fits, is refused for the reason given.
+///
+/// # Panics
+/// If one passes, or fits nowhere, or is refused for another reason.
+pub fn refuses(
+    good: &[Text],
+    mutations: &[(&str, &str, &str)],
+    check: impl Fn(&[Text]) -> Result<(), String>,
+) {
+    check(good).expect("the program itself is right");
+    let mut wrong = vec![];
+    for (from, to, why) in mutations {
+        let mut files = good.to_vec();
+        let place = files.iter_mut().find(|(_, text)| text.contains(from));
+        let (_, text) = place.unwrap_or_else(|| panic!("{from:?} is in no file"));
+        *text = text.replacen(from, to, 1);
+        match check(&files) {
+            Err(refusal) if refusal.contains(why) => {}
+            other => wrong.push(format!("{from:?} -> {to:?}: {other:?}, not {why}")),
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+/// The number that `text` is, if it is one and finite.
+///
+/// # Errors
+/// Anything else.
+pub fn number(text: &str) -> Result<f64, String> {
+    let value: f64 = text.trim().parse().map_err(|_| format!("no number: {text:?}"))?;
+    require(value.is_finite(), || format!("not finite: {text:?}"))?;
+    Ok(value)
+}
+
+/// Whether `name` has a letter first, then letters, digits and underscores, and at most so many characters.
+///
+/// # Errors
+/// The rule that it breaks.
+pub fn name(name: &str, most: usize) -> Result<(), String> {
+    require(name.len() <= most, || format!("{name:?} has more than {most} characters"))?;
+    let letters = name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
+    require(letters && name.starts_with(|c: char| c.is_ascii_alphabetic()), || format!("{name:?} is no name"))
+}

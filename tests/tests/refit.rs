@@ -1,0 +1,122 @@
+//! A saved program follows a part that has moved: simulated, seen by other cameras, moved by a known motion.
+
+use nalgebra::{Isometry3, Matrix4, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use weldpath::cloud::{PointCloud, View};
+use weldpath::refit::{Error, cloud, moved, refit};
+use weldpath::scan;
+use weldpath::simulation::{Part, Request, simulate, write};
+use weldpath::toolpath::program::{Kind, Waypoint};
+
+/// A part seen by every other camera of a scan, seen by the others, its true seams as a program, and the table's height.
+struct Seen {
+    old: PointCloud,
+    new: PointCloud,
+    program: Vec<Waypoint>,
+    table_mm: f64,
+}
+
+fn seen(part: Part) -> Seen {
+    let simulated = simulate(&Request::new(part, 1)).unwrap();
+    let home = tempfile::tempdir().unwrap();
+    write(&simulated, home.path()).unwrap();
+    let mut views = scan::read(home.path(), &scan::Options { units: scan::Units::Auto }).unwrap().views;
+    for (view, rows) in views.iter_mut().zip(&simulated.truth.true_cam) {
+        let pose = Matrix4::from_fn(|r, c| rows[r][c]);
+        let turn = Rotation3::from_matrix(&pose.fixed_view::<3, 3>(0, 0).into_owned());
+        let shift = Translation3::new(pose[(0, 3)], pose[(1, 3)], pose[(2, 3)]);
+        view.base_from_camera = Isometry3::from_parts(shift, UnitQuaternion::from_rotation_matrix(&turn));
+    }
+    let (old, new): (Vec<_>, Vec<_>) = views.into_iter().enumerate().partition(|(k, _)| k % 2 == 0);
+    let of = |views: Vec<(usize, View)>| cloud(&views.into_iter().map(|(_, view)| view).collect::<Vec<_>>());
+    let at = |p: &[f64; 3]| Waypoint {
+        position_mm: Point3::from(*p),
+        base_from_torch: UnitQuaternion::identity(),
+        feed_mm_s: 8.0,
+        weld: true,
+        seam: Some(1),
+        kind: Kind::Weld,
+        dwell_s: None,
+    };
+    let required = simulated.truth.seams.iter().filter(|seam| seam.required);
+    let program = required.flat_map(|seam| seam.p.iter().map(at)).collect();
+    Seen { old: of(old), new: of(new), program, table_mm: simulated.truth.ztable }
+}
+
+/// A turn about the middle of the welds, then a shift.
+fn motion(program: &[Waypoint], axis: [f64; 3], deg: f64, shift_mm: [f64; 3]) -> Isometry3<f64> {
+    let sum: Vector3<f64> = program.iter().map(|w| w.position_mm.coords).sum();
+    let middle = sum / program.len() as f64;
+    let turn = UnitQuaternion::from_scaled_axis(Vector3::from(axis).normalize() * deg.to_radians());
+    Isometry3::from_parts(Translation3::from(middle - turn * middle + Vector3::from(shift_mm)), turn)
+}
+
+fn moved_cloud(cloud: &PointCloud, by: &Isometry3<f64>, moves: impl Fn(&Point3<f64>) -> bool) -> PointCloud {
+    let mut all = cloud.clone();
+    for k in 0..cloud.len() {
+        let p = cloud.in_base_mm(k);
+        if moves(&p) {
+            all.points_mm[k] = Point3::from((by * p - cloud.origin_mm).cast());
+            all.normals[k] = (by.rotation * cloud.normals[k].cast::<f64>()).cast();
+        }
+    }
+    all
+}
+
+/// Largest distance between the program where it was put and where it belongs, mm.
+fn off_mm(program: &[Waypoint], found: &Isometry3<f64>, truth: &Isometry3<f64>) -> f64 {
+    let pairs = moved(program, found).into_iter().zip(moved(program, truth));
+    pairs.map(|(a, b)| (a.position_mm - b.position_mm).norm()).fold(0.0, f64::max)
+}
+
+const MOTIONS: [([f64; 3], f64, [f64; 3]); 5] = [
+    ([0.0, 0.0, 1.0], 0.0, [0.0, 0.0, 0.0]),
+    ([0.0, 0.0, 1.0], 20.0, [30.0, -20.0, 0.0]),
+    ([0.0, 0.0, 1.0], -12.0, [-35.0, 35.0, 0.0]),
+    ([1.0, 0.5, 0.2], 18.0, [10.0, 20.0, 30.0]),
+    ([-0.3, 1.0, -1.0], 15.0, [-25.0, 0.0, -40.0]),
+];
+
+#[test]
+fn a_part_that_moved_within_the_range_takes_its_program_along() {
+    for part in [Part::Fillet, Part::Lap, Part::ButtV, Part::Branch] {
+        let Seen { old, new, program, .. } = seen(part);
+        for (axis, deg, shift_mm) in MOTIONS {
+            let truth = motion(&program, axis, deg, shift_mm);
+            let fit = refit(&program, &old, &moved_cloud(&new, &truth, |_| true)).unwrap();
+            let off_mm = off_mm(&program, &fit.new_from_old, &truth);
+            println!(
+                "{part} {deg} deg {shift_mm:?}: {off_mm:.2} mm, found {:.2}, rms {:.2}",
+                fit.found, fit.rms_mm
+            );
+            assert!(off_mm < 1.0, "{part}, {deg} deg about {axis:?}, {shift_mm:?}: {off_mm} mm, {fit:?}");
+        }
+    }
+}
+
+#[test]
+fn a_part_that_slid_over_its_table_is_followed_though_the_table_stayed() {
+    for part in [Part::Fillet, Part::Pipe] {
+        let Seen { old, new, program, table_mm } = seen(part);
+        for (deg, shift_mm) in [(0.0, [40.0, 10.0, 0.0]), (10.0, [-20.0, 30.0, 0.0])] {
+            let truth = motion(&program, [0.0, 0.0, 1.0], deg, shift_mm);
+            let off_table = |p: &Point3<f64>| p.z > table_mm + 1.5;
+            let fit = refit(&program, &old, &moved_cloud(&new, &truth, off_table)).unwrap();
+            let off_mm = off_mm(&program, &fit.new_from_old, &truth);
+            println!("{part} slid {deg} deg {shift_mm:?}: {off_mm:.2} mm, found {:.2}", fit.found);
+            assert!(off_mm < 1.0, "{part}, {deg} deg, {shift_mm:?}: {off_mm} mm, {fit:?}");
+        }
+    }
+}
+
+#[test]
+fn another_part_or_one_far_away_is_refused() {
+    let Seen { old, program, .. } = seen(Part::Pipe);
+    let refused = refit(&program, &old, &seen(Part::Fillet).new).unwrap_err();
+    assert!(matches!(refused, Error::NotFound { .. }), "{refused}");
+    let away = motion(&program, [0.0, 0.0, 1.0], 0.0, [600.0, 0.0, 300.0]);
+    let far = refit(&program, &old, &moved_cloud(&old, &away, |_| true)).unwrap_err();
+    assert!(far.to_string().contains("within 50 mm and 20 degrees"), "{far}");
+    assert!(matches!(refit(&[], &old, &old), Err(Error::Saved { .. })));
+    assert!(matches!(refit(&program, &PointCloud::default(), &old), Err(Error::Saved { .. })));
+    assert!(matches!(refit(&program, &old, &PointCloud::default()), Err(Error::NotFound { .. })));
+}
