@@ -103,7 +103,9 @@ impl Scan<'_> {
         let arcs = arcs_mm(seam);
         let mut gaps = Vec::new();
         for face in 0..2 {
-            let seen: Vec<Seen> = seam.stations.iter().map(|station| self.seen(station, face)).collect();
+            let least = self.least(seam, face);
+            let seen: Vec<Seen> =
+                seam.stations.iter().map(|station| self.seen(station, face, least)).collect();
             for (fault, bad) in [(Fault::Unseen, Seen::Not), (Fault::Grazing, Seen::Grazing)] {
                 for (first, last) in runs(&seen, bad) {
                     if arcs[last] - arcs[first] >= SHORTEST_MM {
@@ -127,8 +129,9 @@ impl Scan<'_> {
 
     /// Where a seam ends, but one face goes on and nobody saw whether the other does.
     fn open_ends(&self, seam: &Seam, face: usize, length_mm: f64) -> Vec<Gap> {
+        let least = [self.least(seam, 0), self.least(seam, 1)];
         let beyond = |end: Ending| {
-            let open_mm = self.open_mm(&end, face);
+            let open_mm = self.open_mm(&end, face, least);
             let middle = end.beyond(0.5 * open_mm);
             let span_mm = if end.sense < 0.0 { [-open_mm, 0.0] } else { [length_mm, length_mm + open_mm] };
             (open_mm >= SHORTEST_MM).then(|| self.gap(seam.id, Fault::OpenEnd, span_mm, &middle, face))
@@ -137,13 +140,14 @@ impl Scan<'_> {
     }
 
     /// How far beyond an end the other face goes on while this one is neither seen nor seen through, mm.
-    fn open_mm(&self, end: &Ending, face: usize) -> f64 {
+    fn open_mm(&self, end: &Ending, face: usize, least: [usize; 2]) -> f64 {
         let mut open_mm = 0.0;
         // The bin at the end itself still has points of the end.
         let mut at_mm = 1.5 * BIN_MM;
         while at_mm <= BEYOND_MM {
             let here = end.beyond(at_mm);
-            let goes_on = self.seen(&here, face) == Seen::Not && self.seen(&here, 1 - face) != Seen::Not;
+            let goes_on = self.seen(&here, face, least[face]) == Seen::Not
+                && self.seen(&here, 1 - face, least[1 - face]) != Seen::Not;
             if !goes_on || self.seen_through(&here, face) {
                 break;
             }
@@ -167,7 +171,28 @@ impl Scan<'_> {
     }
 
     /// How the cameras saw the band of a face at a station.
-    fn seen(&self, station: &Station, face: usize) -> Seen {
+    fn seen(&self, station: &Station, face: usize, least: usize) -> Seen {
+        let count = self.counts(station, face);
+        if count.iter().sum::<usize>() < least {
+            return Seen::Not;
+        }
+        let (place, normal) = (self.local(&station.position_mm), station.faces[face].cast::<f32>());
+        let cosine = |k: usize| f64::from((self.merged.cameras_mm[k] - place).normalize().dot(&normal));
+        let seeing = (0..count.len()).filter(|&k| count[k] >= FEWEST / 2);
+        let best = seeing.map(cosine).fold(0.0, f64::max);
+        if best < LEAST_COSINE { Seen::Grazing } else { Seen::Well }
+    }
+
+    /// Points that a bin of a face must have: a quarter of what its bins usually have on this seam.
+    fn least(&self, seam: &Seam, face: usize) -> usize {
+        let total = |station: &Station| self.counts(station, face).iter().sum::<usize>();
+        let mut totals: Vec<usize> = seam.stations.iter().map(total).collect();
+        totals.sort_unstable();
+        totals.get(totals.len() / 2).map_or(FEWEST, |usual| FEWEST.max(usual / 4))
+    }
+
+    /// Points of each view on the band of a face at a station.
+    fn counts(&self, station: &Station, face: usize) -> Vec<usize> {
         let (normal, away) = (station.faces[face].cast::<f32>(), away(station, face).cast::<f32>());
         let along = station.tangent.cast::<f32>();
         let place = self.local(&station.position_mm);
@@ -181,13 +206,7 @@ impl Scan<'_> {
                 count[usize::from(self.merged.view[self.grid.index(slot)])] += 1;
             }
         });
-        if count.iter().sum::<usize>() < FEWEST {
-            return Seen::Not;
-        }
-        let cosine = |k: usize| f64::from((self.merged.cameras_mm[k] - place).normalize().dot(&normal));
-        let seeing = (0..count.len()).filter(|&k| count[k] >= FEWEST / 2);
-        let best = seeing.map(cosine).fold(0.0, f64::max);
-        if best < LEAST_COSINE { Seen::Grazing } else { Seen::Well }
+        count
     }
 }
 
