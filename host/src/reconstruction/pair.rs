@@ -121,14 +121,14 @@ impl Pair {
             * Translation3::from(-self.source_middle_mm.coords)
     }
 
-    /// The small motion of eq. (5) as a full rotation, left-multiplied.
+    /// A small motion about the middle as a full rotation, left-multiplied.
     fn apply(&mut self, step: &Vector6<f64>) {
         let turn = UnitQuaternion::from_scaled_axis(step.fixed_rows::<3>(0).into_owned());
         let shift = Translation3::from(step.fixed_rows::<3>(3).into_owned());
         self.motion = Isometry3::from_parts(shift, turn) * self.motion;
     }
 
-    /// Pairs every source point and sums up the normal equations of eq. (6).
+    /// Pairs every source point and sums up the normal equations.
     fn sum(&mut self, gate_mm: f32) -> Sum {
         let turn = self.motion.rotation.to_rotation_matrix().cast::<f32>();
         let shift: Vector3<f32> = self.motion.translation.vector.cast();
@@ -189,7 +189,7 @@ impl Sum {
         self
     }
 
-    /// The step that solves eq. (6); none without pairs.
+    /// The step that solves them; none without pairs.
     fn step(&self) -> Option<Vector6<f64>> {
         let largest = self.information.diagonal().max();
         let damped = self.information + Matrix6::identity() * (DAMPING * largest);
