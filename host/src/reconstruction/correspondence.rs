@@ -68,7 +68,7 @@ mod tests {
         let mut searched = 0;
         let mut found = Match::NEW;
         for k in 0..2000 {
-            let t = 0.01 * k as f32;
+            let t = 0.002 * k as f32;
             let q = Point3::new(t, 14.0 + 8.0 * t.sin(), 2.0 * (0.7 * t).cos());
             let gate = if k < 1000 { 3.0 } else { 1.2 };
             let before = found.from;

@@ -56,6 +56,12 @@ impl Tie {
     }
 }
 
+/// Fitness of each view after each step, and overlap at the last.
+struct Seen {
+    fitness: Vec<Vec<f64>>,
+    overlap: Vec<f64>,
+}
+
 /// A rigid motion in single precision.
 struct Motion {
     turn: Rotation3<f32>,
@@ -94,14 +100,12 @@ impl Problem {
     /// The poses that minimise the distances along the normals, eq. (2), gate by gate.
     pub(super) fn solve(mut self, config: &Config) -> Registration {
         let views = self.sources.len();
-        let mut fitness = vec![vec![]; views];
+        let mut seen = Seen { fitness: vec![vec![]; views], overlap: vec![0.0; views] };
         let mut covariance = DMatrix::zeros(6 * (views - 1), 6 * (views - 1));
         let mut residual_mm = 0.0;
-        for (k, f) in self.fitness(config).into_iter().enumerate() {
-            fitness[k].push(f);
-        }
+        self.look(&mut seen, config);
         if views < 2 {
-            return self.finish(fitness, covariance, residual_mm);
+            return self.finish(seen, covariance, residual_mm);
         }
         for (round, &gate_mm) in config.gates_mm.iter().enumerate() {
             if round > 0 && gate_mm > config.gates_mm[round - 1] {
@@ -113,22 +117,21 @@ impl Problem {
                 let (step, cov, scale) = self.iterate(gate_mm, thin, config);
                 covariance = cov;
                 residual_mm = scale;
-                for (k, f) in self.fitness(config).into_iter().enumerate() {
-                    fitness[k].push(f);
-                }
+                self.look(&mut seen, config);
                 let fine = if last { 0.002 } else { 0.05 };
                 if step < fine {
                     break;
                 }
             }
         }
-        self.finish(fitness, covariance, residual_mm)
+        self.finish(seen, covariance, residual_mm)
     }
 
-    fn finish(self, fitness: Vec<Vec<f64>>, covariance: DMatrix<f64>, residual_mm: f64) -> Registration {
+    fn finish(self, seen: Seen, covariance: DMatrix<f64>, residual_mm: f64) -> Registration {
         Registration {
             base_from_camera: self.poses,
-            fitness,
+            fitness: seen.fitness,
+            overlap: seen.overlap,
             covariance,
             centre_mm: self.centre_mm,
             residual_mm,
@@ -150,7 +153,9 @@ impl Problem {
             system.add(tie.i, tie.j, block);
         }
         let priors: Vec<_> = (1..views).map(|view| self.prior(view, config)).collect();
-        let Some((x, covariance)) = system.solve(&priors) else { return (0.0, DMatrix::zeros(0, 0), scale) };
+        let Some((x, covariance)) = system.solve(&priors) else {
+            return (0.0, DMatrix::zeros(6 * (views - 1), 6 * (views - 1)), scale);
+        };
         let mut largest = 0.0f64;
         for view in 1..views {
             let step = x.fixed_rows::<6>(6 * (view - 1)).into_owned();
@@ -190,20 +195,21 @@ impl Problem {
         (weighted * jacobian, -(weighted * offset))
     }
 
-    fn fitness(&mut self, config: &Config) -> Vec<f64> {
+    /// Appends each view's fitness at the poses as they are, and sets its overlap.
+    fn look(&mut self, seen: &mut Seen, config: &Config) {
         let reach = OVERLAP * config.fitness_mm;
         let (sources, poses) = (&self.sources, &self.poses);
         let squared: Vec<Vec<f32>> =
             self.ties.par_iter_mut().map(|tie| tie.nearest_squared(sources, poses, reach)).collect();
-        let share = |i: usize| {
+        for i in 0..self.sources.len() {
             let own = || self.ties.iter().zip(&squared).filter(|(tie, _)| tie.i == i);
             let count = own().next().map_or(0, |(_, d2)| d2.len());
             let nearest = |k| own().map(|(_, d2)| d2[k]).fold(f32::INFINITY, f32::min);
             let of: Vec<f32> = (0..count).map(nearest).filter(|d2| d2.is_finite()).collect();
             let near = of.iter().filter(|d2| **d2 < config.fitness_mm.powi(2)).count();
-            near as f64 / of.len().max(1) as f64
-        };
-        (0..self.sources.len()).map(share).collect()
+            seen.fitness[i].push(near as f64 / of.len().max(1) as f64);
+            seen.overlap[i] = of.len() as f64 / count.max(1) as f64;
+        }
     }
 
     /// Root mean square distance of the patches from the centre, mm: turns rotations into lengths.

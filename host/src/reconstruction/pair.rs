@@ -121,14 +121,14 @@ impl Pair {
             * Translation3::from(-self.source_middle_mm.coords)
     }
 
-    /// The small motion of eq. (5) as a full rotation, left-multiplied.
+    /// A small motion about the middle as a full rotation, left-multiplied.
     fn apply(&mut self, step: &Vector6<f64>) {
         let turn = UnitQuaternion::from_scaled_axis(step.fixed_rows::<3>(0).into_owned());
         let shift = Translation3::from(step.fixed_rows::<3>(3).into_owned());
         self.motion = Isometry3::from_parts(shift, turn) * self.motion;
     }
 
-    /// Pairs every source point and sums up the normal equations of eq. (6).
+    /// Pairs every source point and sums up the normal equations.
     fn sum(&mut self, gate_mm: f32) -> Sum {
         let turn = self.motion.rotation.to_rotation_matrix().cast::<f32>();
         let shift: Vector3<f32> = self.motion.translation.vector.cast();
@@ -189,10 +189,77 @@ impl Sum {
         self
     }
 
-    /// The step that solves eq. (6); none without pairs.
+    /// The step that solves them; none without pairs.
     fn step(&self) -> Option<Vector6<f64>> {
         let largest = self.information.diagonal().max();
         let damped = self.information + Matrix6::identity() * (DAMPING * largest);
         Some(damped.cholesky()?.solve(&self.pull))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A bowl with a ridge, which ties down all six directions, and its exact normals.
+    fn bowl(count: usize, shift: f64) -> PointCloud {
+        let mut cloud = PointCloud::default();
+        for k in 0..count {
+            let t = k as f64 + shift;
+            let (x, y) =
+                (80.0 * (t * 0.754_877_666).fract() - 40.0, 80.0 * (t * 0.569_840_291).fract() - 40.0);
+            let z = 0.01 * (x * x + y * y) + 3.0 * (0.2 * x + 0.1 * y).sin();
+            let slope = (0.2 * x + 0.1 * y).cos();
+            let normal = Vector3::new(-0.02 * x - 0.6 * slope, -0.02 * y - 0.3 * slope, 1.0).normalize();
+            cloud.points_mm.push(Point3::new(x as f32, y as f32, z as f32));
+            cloud.normals.push(normal.cast());
+        }
+        cloud
+    }
+
+    fn moved(cloud: &PointCloud, pose: &Isometry3<f64>) -> PointCloud {
+        let points_mm = cloud.points_mm.iter().map(|p| (pose * p.cast::<f64>()).cast()).collect();
+        let normals = cloud.normals.iter().map(|n| (pose * n.cast::<f64>()).cast()).collect();
+        PointCloud { points_mm, normals, ..PointCloud::default() }
+    }
+
+    fn pose(shift: [f64; 3], turn: [f64; 3]) -> Isometry3<f64> {
+        Isometry3::new(Vector3::from(shift), Vector3::from(turn))
+    }
+
+    #[test]
+    fn a_moved_cloud_is_found_in_any_frame() {
+        let truth = pose([0.9, -1.1, 0.6], [0.004, -0.006, 0.005]);
+        let (target, source) = (bowl(40_000, 0.0), bowl(20_000, 0.37));
+        let config = Config { stop_mm: 1e-5, stop_rad: 1e-7, ..Config::default() };
+        let frames = [
+            Isometry3::identity(),
+            pose([300.0, -120.0, 450.0], [0.4, 0.8, 0.2]),
+            pose([-900.0, 700.0, 1000.0], [-1.5, 0.3, 2.0]),
+        ];
+        let errors = frames.map(|frame| {
+            let (target, source) = (moved(&target, &frame), moved(&source, &(frame * truth.inverse())));
+            let found = align(&source, &target, &Isometry3::identity(), &config);
+            assert!(found.converged && found.inliers > 0.95, "{found:?}");
+            frame.inverse() * found.target_from_source * frame
+        });
+        for error in errors.map(|found| found * truth.inverse()) {
+            assert!(error.translation.vector.norm() < 0.01 && error.rotation.angle() < 2e-4, "{error}");
+        }
+        for found in &errors[1..] {
+            let apart = errors[0].inverse() * found;
+            assert!(
+                apart.rotation.angle().to_degrees() < 1e-3 && apart.translation.vector.norm() < 1e-3,
+                "{apart}"
+            );
+        }
+    }
+
+    #[test]
+    fn clouds_apart_stay_where_they_are() {
+        let (target, source) = (bowl(1000, 0.0), moved(&bowl(1000, 0.3), &pose([500.0, 0.0, 0.0], [0.0; 3])));
+        let found = align(&source, &target, &Isometry3::identity(), &Config::default());
+        assert!(!found.converged && found.inliers == 0.0);
+        assert!(found.target_from_source.translation.vector.norm() < 1e-9);
     }
 }
