@@ -13,6 +13,7 @@ say() { printf '\n== %s\n' "$*"; }
 missing=
 need() { missing="$missing $*"; }
 command -v qemu-system-arm >/dev/null || need qemu-system-arm
+command -v valgrind >/dev/null || need valgrind
 command -v cc >/dev/null || need gcc libc6-dev
 command -v cargo >/dev/null || need rustc-web cargo-web
 command -v cargo-fmt >/dev/null || need rustfmt-web

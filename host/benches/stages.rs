@@ -18,7 +18,6 @@ use weldpath::reconstruction::{self, register};
 use weldpath::scan;
 use weldpath::seam::edges;
 
-#[path = "clouds.rs"]
 #[allow(dead_code)]
 mod clouds;
 

@@ -17,7 +17,7 @@ use weldpath::reconstruction::{Config, register};
 use weldpath::scan;
 use weldpath::seam::edges;
 
-#[path = "../clouds.rs"]
+#[path = "../clouds/mod.rs"]
 mod clouds;
 
 /// Edge of the voxels that are compared, mm.
