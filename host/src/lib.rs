@@ -19,6 +19,7 @@ pub mod orientation;
 pub mod pipeline;
 pub mod postprocessing;
 pub mod reconstruction;
+pub mod report;
 pub mod scan;
 pub mod seam;
 pub mod selection;

@@ -138,6 +138,8 @@ pub struct Found {
     pub reason: String,
     /// Intensity gate, for the report.
     pub gate: f32,
+    /// Edge intensity of each point of the model, for the report.
+    pub intensity: Vec<f32>,
 }
 
 /// Weldable seams of a cloud (paper II-E, and beyond it: several seams, types, order, accuracy below the voxel).
@@ -164,6 +166,7 @@ pub fn find(input: &Input, config: &Config) -> Found {
     let most_mm = config.refine.reach * v;
     let described = measured.iter().map(|(chain, seam)| describe(input, chain, seam, &grid, most_mm));
     let (sure, unsure): (Vec<Seam>, Vec<Seam>) = described.partition(is_sure);
+    found.intensity = scores.intensity;
     found.seams = sure;
     found.warnings.extend(unsure.iter().map(left_out));
     mark_branches(&mut found.seams, 6.0 * f64::from(v));

@@ -51,6 +51,10 @@ const HOST: &[(&str, &[&str])] = &[
     ("selection", &["toolpath", "job"]),
     ("postprocessing", &["toolpath", "pipeline", "export", "job", "selection"]),
     ("evaluation", &[]),
+    (
+        "report",
+        &["cloud", "grid", "seam", "toolpath", "pipeline", "export", "job", "postprocessing", "evaluation"],
+    ),
     ("simulation", &["evaluation"]),
     ("serial", &[]),
     ("link", &["serial", "toolpath"]),

@@ -10,7 +10,7 @@ use weldpath::job::quantity::{
 use weldpath::job::{Job, Method, Units};
 use weldpath::pipeline::{self, Observer, Plan};
 use weldpath::postprocessing::postprocess;
-use weldpath::{scan, selection};
+use weldpath::{report, scan, selection};
 
 use super::progress::Progress;
 use super::{Exit, Failure, print, table};
@@ -75,20 +75,26 @@ pub(super) struct Args {
     /// Keep the cloud after every stage in DIR/stages
     #[arg(long)]
     dump_stages: bool,
+    /// Write no report.html and report.svg
+    #[arg(long)]
+    no_report: bool,
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let job = job(args)?;
     directory::check(&args.out).map_err(not_written)?;
-    let mut progress = Progress::new(args.quiet, args.dump_stages);
+    let mut progress = Progress::new(args.quiet, args.dump_stages, !args.no_report);
     let result = plan(&job, &mut progress);
-    let stages = progress.finish();
+    let (stages, recording) = progress.finish();
     let (plan, source) = match result {
         Ok(planned) => planned,
         Err(failure) => return keep_stages(&args.out, &stages).and(Err(failure)),
     };
     let mut output = postprocess(&plan, &job, source.clone()).map_err(not_selected)?;
     output.files.extend(stages);
+    if let Some(recording) = recording {
+        output.files.extend(report::files(&plan, &output, &recording, &job));
+    }
     directory::write(&args.out, &output.files).map_err(not_written)?;
     match (args.quiet, args.json) {
         (true, _) => Ok(()),

@@ -6,31 +6,33 @@ use indicatif::{ProgressBar, ProgressStyle};
 use weldpath::cloud::PointCloud;
 use weldpath::export::directory::File;
 use weldpath::export::ply;
-use weldpath::pipeline::Observer;
+use weldpath::pipeline::{Evidence, Observer};
+use weldpath::report::Recording;
 
 /// Stages of a multi-view scan, reading and writing included; a bar that is wrong by one still tells the way.
 const USUAL_STAGES: u64 = 8;
 
-/// Moves a bar on a terminal, and collects the cloud after every stage if it was asked for.
+/// Moves a bar on a terminal, and collects what is asked for: the cloud after every stage, what the report shows.
 pub(super) struct Progress {
     bar: ProgressBar,
     stages: Option<Vec<File>>,
+    recording: Option<Recording>,
 }
 
 impl Progress {
     /// No bar when quiet or when standard error is not a terminal.
-    pub(super) fn new(quiet: bool, dump_stages: bool) -> Self {
+    pub(super) fn new(quiet: bool, dump_stages: bool, report: bool) -> Self {
         let shown = !quiet && std::io::stderr().is_terminal();
         let bar = if shown { ProgressBar::new(USUAL_STAGES) } else { ProgressBar::hidden() };
         let style = ProgressStyle::with_template("{bar:24} {elapsed:>4} {msg}").unwrap_or(bar.style());
         bar.set_style(style);
-        Self { bar, stages: dump_stages.then(Vec::new) }
+        Self { bar, stages: dump_stages.then(Vec::new), recording: report.then(Recording::default) }
     }
 
-    /// Takes the bar away and hands over the collected clouds.
-    pub(super) fn finish(self) -> Vec<File> {
+    /// Takes the bar away and hands over the collected clouds, and what the report shows.
+    pub(super) fn finish(self) -> (Vec<File>, Option<Recording>) {
         self.bar.finish_and_clear();
-        self.stages.unwrap_or_default()
+        (self.stages.unwrap_or_default(), self.recording)
     }
 }
 
@@ -48,6 +50,12 @@ impl Observer for Progress {
         if let Some(stages) = &mut self.stages {
             let name = format!("stages/{:02}-{stage}.ply", stages.len() + 1);
             stages.push(File::new(name, ply::write(cloud)));
+        }
+    }
+
+    fn evidence(&mut self, evidence: &Evidence) {
+        if let Some(recording) = &mut self.recording {
+            *recording = Recording::of(evidence);
         }
     }
 }
