@@ -17,9 +17,11 @@ pub use page::with_deviation;
 pub use recording::Recording;
 
 use crate::export::directory::File;
+use crate::export::summary::{Source, Summary};
 use crate::job::Job;
 use crate::pipeline::Plan;
 use crate::postprocessing::Output;
+use crate::toolpath::program::Program;
 
 /// Name of the page within a run's folder.
 pub const PAGE: &str = "report.html";
@@ -34,6 +36,24 @@ pub fn files(plan: &Plan, output: &Output, recording: &Recording, job: &Job) -> 
     let (content, bytes) = content::document(&run, &scene);
     let picture = picture::svg(&run, &scene);
     vec![File::new(PAGE, page::page(&title, &content, &bytes)), File::new(PICTURE, picture)]
+}
+
+/// The same of a run that found no seam: what was seen, and in `reason` why nothing came of it. Empty if nothing was
+/// recorded.
+pub fn without_seams(recording: &Recording, job: &Job, reason: &str) -> Vec<File> {
+    let Some(clouds) = &recording.clouds else { return Vec::new() };
+    let plan = Plan {
+        model: clouds.model(),
+        seams: Vec::new(),
+        paths: Vec::new(),
+        views: Vec::new(),
+        derived: Vec::new(),
+        stage_s: Vec::new(),
+        warnings: Vec::new(),
+    };
+    let summary = Summary::new(&plan, Source::default(), &[], vec![reason.to_owned()]);
+    let output = Output { paths: Vec::new(), program: Program::default(), summary, files: Vec::new() };
+    files(&plan, &output, recording, job)
 }
 
 /// All there is to show.

@@ -88,7 +88,10 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let (stages, recording) = progress.finish();
     let (plan, source) = match result {
         Ok(planned) => planned,
-        Err(failure) => return keep_stages(&args.out, &stages).and(Err(failure)),
+        Err(failure) => {
+            let seen = recording.map(|r| report::without_seams(&r, &job, &failure.message));
+            return keep_stages(&args.out, stages, seen.unwrap_or_default()).and(Err(failure));
+        }
     };
     let mut output = postprocess(&plan, &job, source.clone()).map_err(not_selected)?;
     output.files.extend(stages);
@@ -172,12 +175,18 @@ fn units(units: Units) -> scan::Units {
 }
 
 /// What led to no plan is what one wants to look at most.
-fn keep_stages(out: &Path, stages: &[File]) -> Result<(), Failure> {
-    if stages.is_empty() { Ok(()) } else { directory::write(out, stages).map_err(not_written) }
+fn keep_stages(out: &Path, mut stages: Vec<File>, seen: Vec<File>) -> Result<(), Failure> {
+    if stages.is_empty() {
+        return Ok(());
+    }
+    // In their folder: what an earlier run left beside it stays as it was.
+    stages.extend(seen.into_iter().map(|file| File::new(format!("stages/{}", file.name), file.bytes)));
+    directory::write(out, &stages).map_err(not_written)
 }
 
 fn not_planned(error: pipeline::Error) -> Failure {
-    Failure::new(Exit::NoSeam, error).hint("--dump-stages keeps the cloud after every stage, to look at")
+    Failure::new(Exit::NoSeam, error)
+        .hint("--dump-stages keeps the cloud after every stage; DIR/stages/report.html shows what was seen")
 }
 
 fn not_selected(error: selection::Error) -> Failure {

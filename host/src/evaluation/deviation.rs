@@ -1,6 +1,6 @@
 //! How far each path point is from the seam it belongs to.
 
-use super::{Nearest, Options, PathSet, Truth, projection};
+use super::{CORNER_MM, Nearest, Options, PathSet, Truth, projection};
 use serde::Serialize;
 
 /// One path point against the nearest true seam.
@@ -8,7 +8,7 @@ use serde::Serialize;
 pub struct Deviation {
     /// Distance across the seam, mm; none where the point belongs to no seam or lies beyond its end.
     pub lateral_mm: Option<f64>,
-    /// Angle between the torch axis and the true one, degrees; none as above, or where the path has no orientation.
+    /// Angle between the torch axis and the true one, degrees; none as above, between two seams, or where the path has no orientation.
     pub axis_deg: Option<f64>,
 }
 
@@ -32,7 +32,8 @@ pub fn deviations(paths: &PathSet, truth: &Truth, options: &Options) -> Vec<Devi
         if along_mm.abs() > BEYOND_MM {
             return none.clone();
         }
-        let axis = paths.frames.as_ref().map(|frames| frames[i].column(2).dot(&foot.frame.column(2)));
+        let frames = paths.frames.as_ref().filter(|_| nearest.second_mm > CORNER_MM);
+        let axis = frames.map(|frames| frames[i].column(2).dot(&foot.frame.column(2)));
         let lateral_mm = (gap.norm_squared() - along_mm * along_mm).max(0.0).sqrt();
         Deviation {
             lateral_mm: Some(lateral_mm),

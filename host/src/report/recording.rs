@@ -4,7 +4,7 @@
 
 use super::histogram::Histogram;
 use super::points::{Frame, Sample};
-use crate::cloud::Merged;
+use crate::cloud::{Merged, PointCloud};
 use crate::grid::Grid;
 use crate::pipeline::Evidence;
 use crate::seam::{self, paper};
@@ -44,6 +44,17 @@ pub(super) struct Clouds {
     pub(super) model_of: usize,
     pub(super) raw: Vec<Sample>,
     pub(super) raw_of: usize,
+}
+
+impl Clouds {
+    /// The sample of the model.
+    pub(super) fn model(&self) -> PointCloud {
+        PointCloud {
+            origin_mm: self.frame.origin_mm,
+            points_mm: self.model.iter().map(|s| s.position_mm).collect(),
+            normals: self.model.iter().map(|s| s.normal).collect(),
+        }
+    }
 }
 
 impl Recording {
@@ -134,7 +145,6 @@ fn spacings_mm(merged: &Merged, edge_mm: f32) -> Vec<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cloud::PointCloud;
     use crate::downsampling::Voxels;
 
     #[test]

@@ -52,6 +52,7 @@ export function number(value) {
 export const percent = (share) => (share === null || share === undefined ? "unknown" : `${Math.round(100 * share)} %`);
 export function duration(s) {
   if (s < 90) return `${s.toFixed(1)} s`;
+  if (s > 5400) return `${(s / 3600).toFixed(1)} h`;
   return `${Math.floor(s / 60)} min ${String(Math.round(s % 60)).padStart(2, "0")} s`;
 }
 export const place = (p) => p.map((v) => v.toFixed(1)).join(", ");

@@ -15,7 +15,7 @@ const wish = new URLSearchParams(location.hash.slice(1));
 
 const COLOURS = ["height", "edge intensity", "normals", "view", "work of the filter"];
 const CLOUDS = [["model", "denoised"], ["unfiltered", "before the filter"], ["raw", "raw scan"]];
-const SHOWN = [["frames", "torch frames", true], ["way", "air moves", true], ["torch", "torch", true], ["truth", "truth", true], ["cameras", "cameras", false]];
+const SHOWN = [["frames", "torch frames", true], ["way", "air moves", true], ["torch", "torch", true], ["truth", "truth (white)", true], ["cameras", "cameras", false]];
 
 function select(id, move = true) {
   const seam = seams.find((s) => s.id === id);
@@ -87,7 +87,7 @@ function tools() {
   const choice = (name, options, chosen, onchange) => el("label", {}, name,
     el("select", { id: name.replace(" ", "-"), onchange }, options.map(([value, text]) => el("option", { value, selected: value === chosen }, text))));
   const boxes = SHOWN.filter(([name]) => scene.groups[name]).map(([name, text, on]) => {
-    const shown = on || wish.get("show")?.split(",").includes(name);
+    const shown = on || Boolean(wish.get("show")?.split(",").includes(name));
     scene.show(name, shown);
     return el("label", {}, el("input", { type: "checkbox", id: `show-${name}`, checked: shown, onchange: (event) => scene.show(name, event.target.checked) }), text);
   });

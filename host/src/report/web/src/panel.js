@@ -45,11 +45,11 @@ export function tiles() {
   const measured = deviation?.score;
   $("tiles").append(...[
     tile(chosen.length === seams.length ? plural(seams.length, "seam") : `${chosen.length} of ${plural(seams.length, "seam")}`, `${number(sum(chosen.map((s) => s.length_mm)))} mm to weld`),
-    tile(percent(least), "least confidence", least < 0.8 ? "warn" : "good"),
-    tile(`${number(worst_mm)} mm`, `largest expected error, ${number(worst_deg)}°`),
+    chosen.length > 0 && tile(percent(least), "least confidence", least < 0.8 ? "warn" : "good"),
+    chosen.length > 0 && tile(`${number(worst_mm)} mm`, `largest expected error, ${number(worst_deg)}°`),
     measured && tile(measured.rmse_p === undefined ? "–" : `${number(measured.rmse_p)} mm`, `off the truth (RMSE), ${number(measured.rmse_deg)}°`),
     fitness.length > 0 && tile(percent(Math.min(...fitness)), "of the worst view aligned within 2 mm", Math.min(...fitness) < 0.6 ? "warn" : ""),
-    tile(duration(weld_s), `welding, of ${duration(total_s)} moving`),
+    total_s > 0 && tile(duration(weld_s), `welding, of ${duration(total_s)} moving`),
     tile(warnings ? String(warnings) : "none", warnings === 1 ? "warning" : "warnings", warnings ? "warn" : "good"),
   ].filter(Boolean));
 }
@@ -63,11 +63,15 @@ export function warnings(onSelect) {
 }
 
 export function list(onSelect) {
+  if (!seams.length) {
+    $("seams").append(el("p", { class: "note" }, "None was found. Colour the model by edge intensity to see where an edge stood out."));
+    return;
+  }
   const row = (seam) => el("tr", { "data-seam": seam.id, class: seam.selected ? "" : "off", onclick: () => onSelect(seam.id) },
     el("td", {}, el("i", { class: "swatch", style: { background: seam.colour } }), el("button", { type: "button" }, `${seam.id} ${seam.joint}`), seam.warnings.length ? el("span", { title: "has warnings", style: { color: "var(--warn)" } }, " ▲") : null),
     el("td", { class: "num" }, number(seam.length_mm)),
     el("td", { class: "num" }, number(seam.expected_error_mm)),
-    el("td", { class: "num" }, percent(seam.confidence), el("span", { class: "meter" }, el("i", { style: { width: percent(seam.confidence ?? 0) } }))));
+    el("td", { class: "num" }, percent(seam.confidence), el("span", { class: "meter" }, el("i", { style: { width: `${100 * (seam.confidence ?? 0)}%` } }))));
   $("seams").append(el("table", {},
     el("thead", {}, el("tr", {}, el("th", { scope: "col" }, "seam, joint"), el("th", { scope: "col", class: "num" }, "length, mm"), el("th", { scope: "col", class: "num", title: "expected RMSE across the seam" }, "error, mm"), el("th", { scope: "col", class: "num" }, "confidence"))),
     el("tbody", {}, seams.map(row))));
@@ -177,10 +181,10 @@ export function facts() {
         el("span", {}, el("i", { class: "swatch", style: { background: viewColour(k) } }), v.name),
         number(v.fitness_before), number(v.fitness_after), number(v.moved_mm), number(v.moved_deg), number(v.uncertainty_mm)]))));
   }
-  parts.push(section("Derived from the data", "Nobody typed these.",
+  if (summary.derived.length) parts.push(section("Derived from the data", "Nobody typed these.",
     table(["parameter", "#value", "how"], summary.derived.map((d) => [label(d.name).name, `${number(d.value)} ${label(d.name).unit}`, d.how]))));
   parts.push(section("Inputs", null,
-    el("ul", {}, summary.inputs.map((file) => el("li", {}, el("code", {}, file)))),
+    summary.inputs.length > 0 && el("ul", {}, summary.inputs.map((file) => el("li", {}, el("code", {}, file)))),
     summary.notes.length ? el("ul", {}, summary.notes.map((note) => el("li", {}, note))) : null,
     thinned.length ? el("p", {}, `To keep this page small it shows ${thinned.join(" and ")}, evenly picked; the files beside it hold all.`) : null,
     deviation ? null : el("p", {}, "No truth was given. ", el("code", {}, "weldpath evaluate DIR --truth FILE --report"), " adds the deviation from it to this page.")));

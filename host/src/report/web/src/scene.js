@@ -14,6 +14,10 @@ const up = new THREE.Vector3(...content.up);
 const radius = content.radius_mm;
 const local = (p) => new THREE.Vector3(...p).sub(centre);
 const FOV = 32;
+// The paper's edge points come in no order: lines between them would hide everything.
+const ORDERED = !content.histograms.ratio_decides;
+// Lines that lie among points win over them.
+const ABOVE = { polygonOffset: true, polygonOffsetFactor: -8, polygonOffsetUnits: -400 };
 
 // Pairs of points as one draw call of wide lines.
 function wide(pairs, colours, width, options = {}) {
@@ -69,9 +73,10 @@ export class Scene {
   addClouds({ model, raw }) {
     const voxel = content.summary.derived.find((d) => d.name === "voxel_mm")?.value ?? radius / 100;
     const spacing = content.summary.derived.find((d) => d.name === "spacing_mm")?.value ?? voxel;
-    const thinned = model && model.count ? Math.sqrt(model.of / model.count) : 1;
-    if (model?.count) this.add("model", pointsOf(model, centre, 1.45 * voxel * thinned, 1.6));
-    if (raw?.count) this.add("raw", pointsOf(raw, centre, spacing, 1.6), false);
+    // Of a thinned layer the points that are left fill more.
+    const thinned = (layer) => Math.sqrt(layer.of / layer.count);
+    if (model?.count) this.add("model", pointsOf(model, centre, 1.45 * voxel * thinned(model), 1.6));
+    if (raw?.count) this.add("raw", pointsOf(raw, centre, 0.6 * spacing * thinned(raw), 1.6), false);
   }
 
   addSeams() {
@@ -83,9 +88,9 @@ export class Scene {
       colours.push(...repeat(colour, own));
     }
     if (!pairs.length) return;
-    // Hidden stretches show faintly; visible ones win over the points they lie among.
-    this.add("hidden", wide(pairs, colours, 3, { depthTest: false, depthWrite: false, transparent: true, opacity: 0.35 }));
-    this.add("seams", wide(pairs, colours, 4.5, { transparent: true, polygonOffset: true, polygonOffsetFactor: -8, polygonOffsetUnits: -400 })).renderOrder = 2;
+    // Hidden stretches show faintly.
+    if (ORDERED) this.add("hidden", wide(pairs, colours, 3, { depthTest: false, depthWrite: false, transparent: true, opacity: 0.35 }));
+    this.add("seams", wide(pairs, colours, ORDERED ? 4.5 : 1, { transparent: true, ...ABOVE })).renderOrder = 2;
   }
 
   // o red, m green, n blue, at most 60 a seam.
@@ -173,9 +178,9 @@ export class Scene {
   highlight(seam) {
     this.groups.chosen?.removeFromParent();
     delete this.groups.chosen;
-    if (seam) {
+    if (seam && ORDERED) {
       const pairs = pairsOf(seam.line_mm.map((p) => local(p).toArray()), seam.closed);
-      const chosen = wide(pairs, null, 9, { color: "#ffffff", transparent: true, opacity: 0.75, depthTest: false, depthWrite: false });
+      const chosen = wide(pairs, null, 9, { color: "#ffffff", transparent: true, opacity: 0.85, depthWrite: false, ...ABOVE });
       this.add("chosen", chosen).renderOrder = 1;
     }
     this.redraw();
