@@ -10,6 +10,7 @@ mod histogram;
 mod page;
 mod picture;
 mod points;
+mod ratio;
 mod recording;
 
 pub use deviation::deviation;

@@ -12,6 +12,7 @@ use crate::seam::Seam;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use nalgebra::{Point2, Point3, Vector2, Vector3};
+use rayon::prelude::*;
 use std::fmt::Write;
 
 /// Size of a view, px.
@@ -78,11 +79,15 @@ pub(super) fn svg(run: &Run, scene: &Scene) -> String {
     let (width, views_high) = (2.0 * WIDTH + 3.0 * GAP, 2.0 * (HEIGHT + GAP));
     let height = HEADER + views_high + ROW * (seams.len() as f64 + 2.0);
     let mut text = head(run, width, height);
-    for (k, (name, toward)) in views.into_iter().enumerate() {
+    let drawn: Vec<String> = views
+        .into_par_iter()
+        .map(|(name, toward)| view(run, scene, name, &Projection::new(run, scene, toward)))
+        .collect();
+    for (k, drawn) in drawn.iter().enumerate() {
         let x = GAP + (k % 2) as f64 * (WIDTH + GAP);
         let y = HEADER + (k / 2) as f64 * (HEIGHT + GAP);
         add(&mut text, format_args!("<g transform=\"translate({x} {y})\" clip-path=\"url(#view)\">"));
-        view(&mut text, run, scene, name, &Projection::new(run, scene, toward));
+        text.push_str(drawn);
         text.push_str("</g>\n");
     }
     legend(&mut text, run, HEADER + views_high + ROW);
@@ -113,7 +118,9 @@ fn head(run: &Run, width: f64, height: f64) -> String {
     )
 }
 
-fn view(text: &mut String, run: &Run, scene: &Scene, name: &str, projection: &Projection) {
+fn view(run: &Run, scene: &Scene, name: &str, projection: &Projection) -> String {
+    let mut whole = String::new();
+    let text = &mut whole;
     add(text, format_args!("<rect width=\"{WIDTH}\" height=\"{HEIGHT}\" fill=\"#f3f5f8\"/>"));
     let png = raster::png(&run.plan.model, scene, projection, voxel_mm(run));
     let png = STANDARD.encode(png);
@@ -140,6 +147,7 @@ fn view(text: &mut String, run: &Run, scene: &Scene, name: &str, projection: &Pr
     );
     axes(text, projection);
     scale_bar(text, projection.px_per_mm);
+    whole
 }
 
 fn voxel_mm(run: &Run) -> f64 {

@@ -4,12 +4,13 @@
 
 use super::histogram::Histogram;
 use super::points::{Frame, Sample};
+use super::ratio;
 use crate::cloud::{Merged, PointCloud};
 use crate::grid::Grid;
 use crate::pipeline::Evidence;
-use crate::seam::{self, paper};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
+use weldpath_core::seam::RatioThreshold;
 
 /// Most points of the model and of the raw scan in the page.
 const MODEL_POINTS: usize = 300_000;
@@ -86,7 +87,11 @@ impl Recording {
             clouds: Some(Clouds { frame, model: model_samples, model_of: model.len(), raw, raw_of }),
             cameras_mm: cameras_mm(merged),
             intensity: Histogram::between(0.0, 0.5, intensity.iter().copied()),
-            ratio: ratio(evidence),
+            ratio: Histogram::between(
+                RatioThreshold::FLOOR.into(),
+                RATIO_HIGH,
+                ratio::sampled(evidence).into_iter(),
+            ),
             spacing_mm: Histogram::of_lengths(spacings_mm(merged, voxels.edge_mm)),
         }
     }
@@ -94,7 +99,7 @@ impl Recording {
 
 /// About `most` of `count` indices, one from each of as many equal stretches, at a place that looks random: an even
 /// stride would draw stripes across the rows of a depth image.
-fn even_sample(count: usize, most: usize) -> impl Iterator<Item = usize> {
+pub(super) fn even_sample(count: usize, most: usize) -> impl Iterator<Item = usize> {
     let stretch = count.div_ceil(most).max(1);
     let place = move |k: usize| k * stretch + (k.wrapping_mul(2_654_435_761) >> 7) % stretch;
     (0..count.div_ceil(stretch)).map(place).filter(move |&i| i < count)
@@ -123,23 +128,16 @@ fn cameras_mm(merged: &Merged) -> Vec<Point3<f64>> {
     near.map(|c| merged.origin_mm + c.coords.cast::<f64>()).collect()
 }
 
-/// `Tr³/Det` of the whole model.
-fn ratio(evidence: &Evidence) -> Histogram {
-    let Evidence { merged, voxels, model, .. } = *evidence;
-    let input =
-        seam::Input { merged, voxels, model, registration: None, names: Vec::new(), whole_views: false };
-    Histogram::between(27.0, RATIO_HIGH, paper::tensors(&input).iter().map(|t| t.ratio()))
-}
-
-/// Distances from a sample of the raw points to the nearest distinct one of the same view.
+/// Distances from a sample of the first view's points to the nearest distinct one.
 fn spacings_mm(merged: &Merged, edge_mm: f32) -> Vec<f32> {
-    let grid = Grid::new(&merged.points_mm, edge_mm);
+    let of_first = merged.points_mm.iter().zip(&merged.view).filter(|(_, view)| **view == 0);
+    let points: Vec<Point3<f32>> = of_first.map(|(p, _)| *p).collect();
+    let grid = Grid::new(&points, edge_mm);
     let nearest_mm = |i: usize| {
-        let (q, view) = (merged.points_mm[i], merged.view[i]);
-        let other = |slot: usize| merged.view[grid.index(slot)] == view && grid.point(slot) != q;
-        grid.nearest(&q, 8.0 * edge_mm, other).map(|(_, d2)| d2.sqrt())
+        let other = |slot: usize| grid.point(slot) != points[i];
+        grid.nearest(&points[i], 8.0 * edge_mm, other).map(|(_, d2)| d2.sqrt())
     };
-    even_sample(merged.points_mm.len(), SPACING_SAMPLE).filter_map(nearest_mm).collect()
+    even_sample(points.len(), SPACING_SAMPLE).filter_map(nearest_mm).collect()
 }
 
 #[cfg(test)]
@@ -182,6 +180,6 @@ mod tests {
         }
         assert_eq!(recording.cameras_mm.len(), 1, "a camera of unknown place is not drawn");
         let spacing = spacings_mm(&merged, 1.0);
-        assert!(!spacing.is_empty() && spacing.iter().all(|mm| (mm - 1.0).abs() < 1e-5));
+        assert!(spacing.len() == 200 && spacing.iter().all(|mm| (mm - 1.0).abs() < 1e-5));
     }
 }

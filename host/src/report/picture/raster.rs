@@ -6,7 +6,7 @@ use super::{HEIGHT, Projection, WIDTH};
 use crate::cloud::PointCloud;
 
 /// Pixels of the image per px of the picture.
-const FINE: f64 = 1.5;
+const FINE: f64 = 1.25;
 /// Largest square of a point, pixels.
 const LARGEST: f64 = 12.0;
 

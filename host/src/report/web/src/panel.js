@@ -150,7 +150,7 @@ export function charts() {
       histogram(ratio, { label: "Tr³/Det", marks: [{ at: ratio_threshold, text: `t = ${number(ratio_threshold)}${ratio_decides ? "" : ", not used"}` }] })));
   }
   if (spacing_mm.counts.some(Boolean)) {
-    cards.push(card("Spacing of the raw points", "Distance from a point to its nearest neighbour in the same view. Voxels that are finer than the spacing would leave holes.",
+    cards.push(card("Spacing of the raw points", "Distance from a point of the first view to its nearest neighbour there. Voxels that are finer than the spacing would leave holes.",
       histogram(spacing_mm, { label: "distance, mm", marks: spacing_marks_mm.map(([text, at]) => ({ at, text: `${text} ${number(at)} mm` })) })));
   }
   if (summary.stages.length) {
