@@ -16,6 +16,7 @@ use weldpath::pipeline::{Evidence, Plan};
 use weldpath::postprocessing::postprocess;
 use weldpath::report::{self, Recording};
 use weldpath_tests::browser::{self, Browser};
+use weldpath_tests::command::weldpath;
 use weldpath_tests::plans;
 
 /// Bytes of a point in the page.
@@ -200,6 +201,25 @@ fn a_perfect_plan_deviates_from_the_truth_by_nothing() {
     assert!(points.iter().all(|p| p["lateral_mm"].as_f64().is_none_or(|mm| mm < 0.01)));
     assert!(points.iter().filter(|p| p["lateral_mm"].is_number()).count() * 10 > 9 * points.len());
     assert_eq!(shown["lines"].as_array().unwrap().len(), truth.seams.len());
+}
+
+#[test]
+fn a_run_leaves_its_page_and_evaluate_puts_the_deviation_in_it() {
+    let home = tempfile::tempdir().unwrap();
+    let fixture = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().join("fixtures/butt-v");
+    let run = |args: &[&str]| {
+        let output = weldpath().args(args).current_dir(home.path()).output().unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    };
+    run(&["plan", fixture.to_str().unwrap(), "--quiet"]);
+    let page = || std::fs::read_to_string(home.path().join("out").join(report::PAGE)).unwrap();
+    assert_eq!((content(&page())["title"].as_str(), block(&page(), "deviation")), (Some("butt-v"), "null"));
+    assert!(home.path().join("out").join(report::PICTURE).is_file());
+    let truth = fixture.join("truth.json");
+    run(&["evaluate", "out", "--truth", truth.to_str().unwrap(), "--report", "--json"]);
+    let deviation: Value = serde_json::from_str(block(&page(), "deviation")).unwrap();
+    assert!(deviation["score"]["rmse_p"].as_f64().unwrap() < 0.5, "{}", deviation["score"]);
+    assert!(!content(&page())["waypoints"].as_array().unwrap().is_empty(), "the rest is as it was");
 }
 
 const PROBE: &str = include_str!("report/probe.js");

@@ -15,7 +15,7 @@ export function head() {
   $("title").textContent = content.title;
   const views = summary.views.length;
   $("subtitle").textContent = [
-    views ? plural(views, "view") : "one cloud",
+    views ? plural(views, "view") : seams.length > 0 && "one cloud",
     content.clouds.model && `${content.clouds.model.of.toLocaleString("en")} points in the model`,
     `weldpath ${summary.weldpath}`,
     "base frame, millimetres",

@@ -151,7 +151,8 @@ export class Scene {
 
   // Wire 15 mm, nozzle of 22 mm, body: a common MIG torch, tip of the wire at the origin, axis along z.
   addTorch() {
-    const torch = this.add("torch", new THREE.Group(), waypoints.length > 0);
+    if (!waypoints.length) return;
+    const torch = this.add("torch", new THREE.Group());
     const profile = [[0, 0], [0.6, 0], [0.6, 15], [8, 15], [11, 22], [11, 70], [15, 76], [15, 130], [0, 130]];
     const shape = new THREE.LatheGeometry(profile.map(([r, z]) => new THREE.Vector2(r, z)), 28).rotateX(Math.PI / 2);
     const body = new THREE.Mesh(shape, new THREE.MeshNormalMaterial({ transparent: true, opacity: 0.9, side: THREE.DoubleSide }));
