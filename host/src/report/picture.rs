@@ -236,6 +236,10 @@ fn scale_bar(text: &mut String, px_per_mm: f64) {
     let length_mm = [5.0, 2.0, 1.0].map(|f| f * power).into_iter().find(|mm| *mm <= most_mm).unwrap_or(power);
     let (right, y) = (WIDTH - 20.0, HEIGHT - 20.0);
     let left = right - length_mm * px_per_mm;
+    let (from, width) = (left - 10.0, right - left + 20.0);
+    let back =
+        format!("<rect x=\"{from:.1}\" y=\"{}\" width=\"{width:.1}\" height=\"36\" rx=\"4\"", y - 28.0);
+    add(text, format_args!("{back} fill=\"#ffffff\" fill-opacity=\"0.8\"/>"));
     add(
         text,
         format_args!(
