@@ -38,6 +38,9 @@ cargo fmt --all --check
 say "lints, host"
 cargo clippy --workspace --all-targets --quiet -- -D warnings
 
+say "lints and readers with every feature"
+cargo clippy -p weldpath --all-targets --features e57,las --quiet -- -D warnings
+
 say "documentation"
 RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --quiet
 
@@ -47,5 +50,11 @@ firmware/build.sh clippy --release -- -D warnings
 firmware/build.sh clippy --release --no-default-features --features stm32f407 -- -D warnings
 firmware/build.sh build --release --no-default-features --features stm32f407
 
+say "mutants apply"
+MUTANTS_TARGET_DIR="$PWD/target/mutants" tests/mutants.sh --check
+
 say "tests: units, properties, fixtures, link, firmware in QEMU, report in Chromium"
 WELDPATH_REQUIRE_QEMU=1 WELDPATH_REQUIRE_CHROMIUM=1 cargo test --workspace
+
+say "tests: E57 and LAS"
+cargo test -p weldpath --features e57,las --lib scan::

@@ -2,7 +2,8 @@
 # Deliberate bugs in the link: each mutant breaks one mechanism in a copy of core and tests, and a test has to turn red.
 #
 # On demand, about ten minutes: tests/mutants.sh [NAME...]. Prints a table; fails if a mutant survives, does not apply or
-# does not compile. tests/mutants.txt is the output of the last run.
+# does not compile. tests/mutants.txt is the output of the last run. `--check` only sees that each applies and that the
+# copy compiles; tests/all.sh runs that.
 set -euo pipefail
 
 root=$(cd "$(dirname "$0")/.." && pwd)
@@ -10,17 +11,21 @@ copy=$(mktemp -d)
 trap 'rm -rf "$copy"' EXIT
 export CARGO_TARGET_DIR="${MUTANTS_TARGET_DIR:-$copy/target}"
 export RUST_BACKTRACE=0
+check=
+if [ "${1:-}" = --check ]; then check=1 && shift; fi
 wanted=("$@")
 failures=0
 
 # Only core and the tests of the link: the host has no part in it.
 fresh_copy() {
     rm -rf "$copy/work"
-    mkdir -p "$copy/work/tests/tests" "$copy/work/docs"
+    mkdir -p "$copy/work/tests/tests" "$copy/work/docs" "$copy/work/firmware"
     cp -r "$root/core" "$root/Cargo.lock" "$copy/work/"
     cp "$root/docs/protocol.md" "$copy/work/docs/"
+    cp -r "$root/firmware/fpu" "$copy/work/firmware/"
     cp -r "$root/tests/src" "$root/tests/golden" "$copy/work/tests/"
     cp "$root"/tests/tests/link_*.rs "$copy/work/tests/tests/"
+    sed -i -E '/^pub mod /{/ (adversary|bench|world);/!d}' "$copy/work/tests/src/lib.rs"
     sed 's/members = .*/members = ["core", "tests"]/; /^weldpath = /d' "$root/Cargo.toml" > "$copy/work/Cargo.toml"
     sed '/^weldpath\.workspace/d' "$root/tests/Cargo.toml" > "$copy/work/tests/Cargo.toml"
 }
@@ -40,6 +45,7 @@ mutant() {
         failures=$((failures + 1))
         return
     fi
+    if [ -n "$check" ]; then return; fi
     select=(-p weldpath-tests --test "$target")
     if [ "$target" = core ]; then select=(-p weldpath-core --lib); fi
     cd "$copy/work"
@@ -58,6 +64,10 @@ red_tests() {
     { grep -E "^    [a-z0-9_:]+$" "$copy/log" || echo "    (timed out)"; } | sort -u | head -2 | xargs
 }
 
+if [ -n "$check" ]; then
+    fresh_copy
+    (cd "$copy/work" && cargo check --quiet -p weldpath-tests --tests)
+fi
 report mutant outcome "tests that turn red (first two)"
 report "----" "----" "----"
 
@@ -103,4 +113,5 @@ mutant motion-before-the-arc link_model table interlock.rs 's/^( *)_ => Motion::
 mutant resume-without-standstill link_model table interlock.rs 's/^( *)\(State::Held, _\) => self.go\(\),/\1(State::Held | State::Holding, _) => self.go(),/'
 mutant no-resend link_faults dropped_frames sender/upload.rs 's/overtaken \|\| age_us >= .*/overtaken \&\& age_us == 0/'
 
+if [ -n "$check" ] && [ "$failures" -eq 0 ]; then echo "every mutant applies" && exit; fi
 [ "$failures" -eq 0 ] && echo "every mutant turns a test red" || { echo "$failures mutants do not"; exit 1; }

@@ -96,7 +96,8 @@ impl Config {
                 <= u64::from(self.min_step_um) * 16_000_000
     }
 
-    fn limits(&self, ring: u32) -> Limits {
+    /// What a pendant with so many waypoints in its ring tells its host.
+    pub fn limits(&self, ring: u32) -> Limits {
         Limits {
             ring,
             reach_um: self.reach_um,
@@ -109,6 +110,10 @@ impl Config {
             tick_us: self.tick_us,
             silence_ms: self.silence_ms,
         }
+    }
+
+    fn dynamics(&self) -> Dynamics {
+        Dynamics { accel_um_s2: self.accel_um_s2 as f32, corner_um_s: self.corner_um_s as f32 }
     }
 
     fn machine(&self) -> Machine {
@@ -426,13 +431,7 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
         }
         let known = self.ring.next();
         match self.ring.place(chunk, &self.limits) {
-            Ok(Placed::New) => {
-                let dynamics = Dynamics {
-                    accel_um_s2: self.machine.accel_um_s2,
-                    corner_um_s: self.config.corner_um_s as f32,
-                };
-                self.ring.replan(known, self.drive.segment(), &dynamics);
-            }
+            Ok(Placed::New) => self.ring.replan(known, self.drive.segment(), &self.config.dynamics()),
             Ok(Placed::Duplicate) => self.counters.duplicate = self.counters.duplicate.wrapping_add(1),
             Err((at, why)) => return self.refuse_chunk(chunk, at, why),
         }

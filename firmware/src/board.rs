@@ -2,7 +2,7 @@
 //!
 //! Every board module has: `start` (clocks, ports, interrupts; outputs stay off; the tick runs), which gives a
 //! `Watchdog` to feed and a number that differs from start to start; `wake_link`; `outputs_off` (from any context,
-//! without a queue or a lock); `watchdog_fired`. It calls [`crate::torch::tick`] every 2 ms and
+//! without a queue or a lock); `watchdog_fired`; `NMI_CAUSE`. It calls [`crate::torch::tick`] every 2 ms and
 //! [`crate::serial::LINK`] from its port's interrupts, at the priorities in `cortex_m4`.
 
 mod cortex_m4;
@@ -11,11 +11,11 @@ mod mps2_an386;
 #[cfg(feature = "stm32f407")]
 mod stm32f407;
 
-pub use cortex_m4::{BootRecord, ResetCause, Shared, boot_record, reset, stack_used_bytes};
+pub use cortex_m4::{BootRecord, ResetCause, Shared, boot_record, guard_stack, reset, stack_used_bytes};
 #[cfg(feature = "mps2-an386")]
-pub use mps2_an386::{Stopwatch, Watchdog, outputs_off, start, wake_link, watchdog_fired};
+pub use mps2_an386::{NMI_CAUSE, Stopwatch, Watchdog, outputs_off, start, wake_link, watchdog_fired};
 #[cfg(feature = "stm32f407")]
-pub use stm32f407::{Watchdog, outputs_off, start, wake_link, watchdog_fired};
+pub use stm32f407::{NMI_CAUSE, Watchdog, outputs_off, start, wake_link, watchdog_fired};
 
 /// Pins that the torch reads. They are pins and never messages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

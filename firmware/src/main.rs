@@ -7,6 +7,7 @@ use weldpath_firmware::{board, torch};
 
 #[cortex_m_rt::entry]
 fn main() -> ! {
+    board::guard_stack();
     let boot = board::boot_record();
     let (mut watchdog, entropy) = board::start(&boot);
     let nonce = (entropy ^ boot.count).wrapping_mul(0x9e37_79b9);

@@ -31,7 +31,7 @@ pub(crate) struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    Plan(plan::Args),
+    Plan(Box<plan::Args>),
     Simulate(simulate::Args),
     Evaluate(evaluate::Args),
     Stream(stream::Args),

@@ -6,8 +6,10 @@
 
 use crate::cloud::PointCloud;
 use crate::grid::Grid;
+use crate::grid::lanes::exp;
+use crate::grid::sweep::Eight;
 use nalgebra::Point3;
-use rayon::prelude::*;
+use wide::f32x8;
 
 /// Sizes of the filter, mm.
 #[derive(Debug, Clone, Copy)]
@@ -23,26 +25,22 @@ pub struct Config {
 /// The filtered cloud, eq. (10): same points in the same order, moved along their normals.
 pub fn bilateral(cloud: &PointCloud, config: &Config) -> PointCloud {
     let grid = Grid::new(&cloud.points_mm, config.radius_mm);
+    let limit = f32x8::splat(config.radius_mm * config.radius_mm);
     let (near, level) = (0.5 / config.distance_mm.powi(2), 0.5 / config.height_mm.powi(2));
-    let moved: Vec<(usize, Point3<f32>)> = (0..grid.len())
-        .into_par_iter()
-        .with_min_len(256)
-        .map(|slot| {
-            let (p, index) = (grid.point(slot), grid.index(slot));
-            let normal = cloud.normals[index];
-            let (mut sum, mut weights) = (0.0f32, 0.0f32);
-            grid.within(&p, config.radius_mm, |other, d2| {
-                let height = normal.dot(&(grid.point(other) - p));
-                // The product of both Gaussians is one exponential.
-                let weight = (-d2 * near - height * height * level).exp();
-                sum += weight * height;
-                weights += weight;
-            });
-            (index, p + normal * (sum / weights.max(f32::MIN_POSITIVE)))
-        })
-        .collect();
+    let moved: Vec<Point3<f32>> = grid.sweep(config.radius_mm, [], |slot, around| {
+        let (p, normal) = (grid.point(slot), cloud.normals[grid.index(slot)]);
+        let (mut sums, mut weights) = (f32x8::ZERO, f32x8::ZERO);
+        for Eight { offset: [x, y, z], d2, .. } in around.from(p) {
+            let height = x * normal.x + y * normal.y + z * normal.z;
+            // The product of both Gaussians is one exponential.
+            let weight = exp(-(d2 * near + height * height * level)) & d2.simd_lt(limit);
+            sums += weight * height;
+            weights += weight;
+        }
+        p + normal * (sums.reduce_add() / weights.reduce_add().max(f32::MIN_POSITIVE))
+    });
     let mut points_mm = cloud.points_mm.clone();
-    moved.into_iter().for_each(|(index, p)| points_mm[index] = p);
+    moved.into_iter().enumerate().for_each(|(slot, p)| points_mm[grid.index(slot)] = p);
     PointCloud { origin_mm: cloud.origin_mm, points_mm, normals: cloud.normals.clone() }
 }
 

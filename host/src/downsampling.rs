@@ -4,7 +4,7 @@
 
 use crate::cloud::{Merged, PointCloud};
 use crate::grid::Grid;
-use crate::normals::{Cells, Moments, Patches, median};
+use crate::normals::{Cells, Patches, median};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
@@ -112,7 +112,7 @@ pub struct Voxels {
 pub fn voxel_grid(merged: &Merged, edge_mm: f32, least: u32) -> Voxels {
     let grid = Grid::new(&merged.points_mm, edge_mm);
     let cells = Cells::new(&grid);
-    let near = cells.widen(&grid, 1);
+    let near = cells.widen(&grid, &cells.sums(&grid), 1);
     let kept: Vec<usize> = (0..cells.len()).filter(|&k| cells.moments[k].count >= least as f32).collect();
     let slots: Vec<_> = grid.occupied().collect();
     let points: Vec<(Point3<f32>, Vector3<f32>, Vector3<f32>)> = kept
@@ -123,7 +123,7 @@ pub fn voxel_grid(merged: &Merged, edge_mm: f32, least: u32) -> Voxels {
             let place = grid.centre(*cell) + own.sum / own.count;
             let toward = toward_camera(merged, &grid, run.clone(), &place);
             let normal = if merged.normals.is_empty() {
-                facing(window_normal(&near.moments[k]), &toward)
+                facing(near[k].plane().normal, &toward)
             } else {
                 mean_direction(run.clone().map(|s| merged.normals[grid.index(s)]))
             };
@@ -139,10 +139,6 @@ pub fn voxel_grid(merged: &Merged, edge_mm: f32, least: u32) -> Voxels {
         voxels.count.push(cells.moments[k].count);
     }
     voxels
-}
-
-fn window_normal(window: &Moments) -> Vector3<f32> {
-    window.plane().normal
 }
 
 fn facing(normal: Vector3<f32>, toward: &Vector3<f32>) -> Vector3<f32> {

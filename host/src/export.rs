@@ -2,6 +2,7 @@
 
 pub mod csv;
 pub mod directory;
+pub mod feasibility;
 pub mod json;
 pub mod ply;
 pub mod summary;

@@ -3,26 +3,22 @@
 //! Built by a counting sort in two passes; a radius search reads contiguous runs of slots and allocates nothing.
 //! Queries outside the indexed box are clamped to its border cells.
 
+pub mod lanes;
+mod rows;
+pub mod sweep;
+
 use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+use rows::{CellAt, Rows};
 use std::ops::Range;
 
-/// Table entries per point at most; beyond that the cells grow.
-const MAX_ENTRIES_PER_POINT: usize = 8;
-/// Table entries that are always affordable.
-const MIN_ENTRIES: usize = 1 << 20;
+/// Points that a thread takes at a time.
+const SHARE: usize = 1 << 14;
 
 /// Points sorted by cell. A *slot* is a position in that order.
-///
-/// Cells lie in rows along x. A row keeps entries only between its first and last occupied cell, so a surface, which
-/// crosses each row in a few places, takes little memory, and so do far outliers.
 #[derive(Debug, Clone, Default)]
 pub struct Grid {
-    low_mm: [f32; 3],
-    cell_mm: f32,
-    per_mm: f32,
-    cells: [usize; 3],
-    /// Per row: x of its first entry, and where its entries begin; one past the last row at the end.
-    rows: Vec<Row>,
+    rows: Rows,
     /// First slot of each entry, one past the last entry at the end.
     start: Vec<u32>,
     /// Index in the input of the point at each slot.
@@ -30,12 +26,6 @@ pub struct Grid {
     x: Vec<f32>,
     y: Vec<f32>,
     z: Vec<f32>,
-}
-
-#[derive(Debug, Clone, Copy)]
-struct Row {
-    first_x: u32,
-    entry: u32,
 }
 
 /// An occupied cell.
@@ -50,69 +40,25 @@ pub struct Cell {
 impl Grid {
     /// Sorts `points` into cells of about `cell_mm`. Points must be finite.
     pub fn new(points: &[Point3<f32>], cell_mm: f32) -> Self {
-        let (low_mm, high_mm) = bounds(points);
-        let budget = (points.len() * MAX_ENTRIES_PER_POINT).max(MIN_ENTRIES);
-        let mut cell_mm = cell_mm.max(f32::MIN_POSITIVE);
-        loop {
-            let cells =
-                [0, 1, 2].map(|k| (f64::from(high_mm[k] - low_mm[k]) / f64::from(cell_mm)) as usize + 1);
-            if cells[0] < u32::MAX as usize && cells[1].saturating_mul(cells[2]) <= budget {
-                let mut grid = Self { low_mm, cell_mm, per_mm: 1.0 / cell_mm, cells, ..Self::default() };
-                let entries = grid.lay_out_rows(points);
-                if entries <= budget {
-                    grid.sort(points, entries);
-                    return grid;
-                }
+        let (rows, at) = Rows::over(points, cell_mm);
+        let (start, order) = sorted(&rows, &at);
+        let mut columns = [const { Vec::new() }; 3];
+        columns.iter_mut().for_each(|column| column.resize(points.len(), 0.0));
+        let [x, y, z] = &mut columns;
+        let places = (
+            order.par_chunks(SHARE),
+            x.par_chunks_mut(SHARE),
+            y.par_chunks_mut(SHARE),
+            z.par_chunks_mut(SHARE),
+        );
+        places.into_par_iter().for_each(|(order, x, y, z)| {
+            for (((&i, x), y), z) in order.iter().zip(x).zip(y).zip(z) {
+                let p = &points[i as usize];
+                (*x, *y, *z) = (p.x, p.y, p.z);
             }
-            cell_mm *= 1.5;
-        }
-    }
-
-    /// Finds the extent of each row; returns the number of entries.
-    fn lay_out_rows(&mut self, points: &[Point3<f32>]) -> usize {
-        let rows = self.cells[1] * self.cells[2];
-        let mut span = vec![(u32::MAX, 0u32); rows];
-        for p in points {
-            let [x, y, z] = self.cell(p);
-            let s = &mut span[z * self.cells[1] + y];
-            *s = (s.0.min(x as u32), s.1.max(x as u32 + 1));
-        }
-        self.rows.reserve(rows + 1);
-        let mut entry = 0usize;
-        for (first_x, end_x) in span {
-            self.rows.push(Row { first_x, entry: entry as u32 });
-            entry += end_x.saturating_sub(first_x) as usize;
-        }
-        self.rows.push(Row { first_x: 0, entry: entry as u32 });
-        entry
-    }
-
-    fn sort(&mut self, points: &[Point3<f32>], entries: usize) {
-        let entry_of: Vec<u32> = points
-            .iter()
-            .map(|p| {
-                let [x, y, z] = self.cell(p);
-                let row = self.rows[z * self.cells[1] + y];
-                row.entry + (x as u32 - row.first_x)
-            })
-            .collect();
-        self.start = vec![0; entries + 1];
-        for &e in &entry_of {
-            self.start[e as usize + 1] += 1;
-        }
-        for e in 1..self.start.len() {
-            self.start[e] += self.start[e - 1];
-        }
-        let mut next = self.start.clone();
-        self.order = vec![0; points.len()];
-        for column in [&mut self.x, &mut self.y, &mut self.z] {
-            column.resize(points.len(), 0.0);
-        }
-        for (i, (p, &e)) in points.iter().zip(&entry_of).enumerate() {
-            let slot = next[e as usize] as usize;
-            next[e as usize] += 1;
-            (self.order[slot], self.x[slot], self.y[slot], self.z[slot]) = (i as u32, p.x, p.y, p.z);
-        }
+        });
+        let [x, y, z] = columns;
+        Self { rows, start, order, x, y, z }
     }
 
     /// Number of points.
@@ -127,7 +73,7 @@ impl Grid {
 
     /// Edge of a cell, mm; at least what was asked for.
     pub fn cell_mm(&self) -> f32 {
-        self.cell_mm
+        self.rows.cell_mm
     }
 
     /// The point at a slot.
@@ -152,61 +98,60 @@ impl Grid {
 
     /// The occupied cells and their slots, in slot order.
     pub fn occupied(&self) -> impl Iterator<Item = (Cell, Range<usize>)> + '_ {
-        let ny = self.cells[1];
-        self.rows.windows(2).enumerate().flat_map(move |(row, w)| {
-            (w[0].entry..w[1].entry).filter_map(move |entry| {
-                let e = entry as usize;
-                let slots = self.start[e] as usize..self.start[e + 1] as usize;
-                let x = (w[0].first_x + entry - w[0].entry) as usize;
-                (!slots.is_empty()).then_some((Cell { at: [x, row % ny, row / ny], entry: e }, slots))
-            })
+        self.rows.all().filter_map(|(entry, at)| {
+            let slots = self.start[entry] as usize..self.start[entry + 1] as usize;
+            (!slots.is_empty()).then_some((Cell { at, entry }, slots))
         })
     }
 
-    /// The entry of the cell at `at`, occupied or not, if its row reaches there.
+    /// The entries of the row of cells along x at `y`, `z`, and the x of the first of them.
     #[inline]
-    pub fn entry(&self, at: [usize; 3]) -> Option<usize> {
-        let row = at[2] * self.cells[1] + at[1];
-        let (first, end) = (self.rows[row], self.rows[row + 1].entry);
-        let x = (at[0] as u32).checked_sub(first.first_x)?;
-        let entry = first.entry + x;
-        (entry < end).then_some(entry as usize)
+    pub fn row(&self, y: usize, z: usize) -> (usize, Range<usize>) {
+        let (row, end) = self.rows.row(y, z);
+        (row.first_x as usize, row.entry as usize..end as usize)
     }
 
     /// Centre of a cell, mm.
     pub fn centre(&self, cell: Cell) -> Point3<f32> {
-        Point3::from([0, 1, 2].map(|k| self.low_mm[k] + (cell.at[k] as f32 + 0.5) * self.cell_mm))
+        Point3::from([0, 1, 2].map(|k| self.rows.low_mm[k] + (cell.at[k] as f32 + 0.5) * self.rows.cell_mm))
     }
 
     /// Number of cells along x, y, z.
     pub fn cells(&self) -> [usize; 3] {
-        self.cells
-    }
-
-    fn cell(&self, p: &Point3<f32>) -> [usize; 3] {
-        // A negative float becomes 0 in the conversion, so both ends are clamped.
-        [0, 1, 2].map(|k| (((p[k] - self.low_mm[k]) * self.per_mm) as usize).min(self.cells[k] - 1))
+        self.rows.cells
     }
 
     /// Calls `visit` with runs of slots that hold every point within `radius_mm` of `q`, and others near it.
     #[inline]
-    pub fn runs(&self, q: &Point3<f32>, radius_mm: f32, mut visit: impl FnMut(Range<usize>)) {
+    pub fn runs(&self, q: &Point3<f32>, radius_mm: f32, visit: impl FnMut(Range<usize>)) {
+        let reach = Vector3::repeat(radius_mm);
+        self.runs_between(&(q - reach), &(q + reach), visit);
+    }
+
+    /// Calls `visit` with runs of slots that hold every point of a box, and others near it.
+    #[inline]
+    fn runs_between(&self, low: &Point3<f32>, high: &Point3<f32>, mut visit: impl FnMut(Range<usize>)) {
         if self.is_empty() {
             return;
         }
-        let reach = Vector3::repeat(radius_mm);
-        let (low, high) = (self.cell(&(q - reach)), self.cell(&(q + reach)));
+        let (low, high) = (self.rows.cell(low), self.rows.cell(high));
         for z in low[2]..=high[2] {
             for y in low[1]..=high[1] {
-                let row = z * self.cells[1] + y;
-                let (row, end) = (self.rows[row], self.rows[row + 1].entry);
-                let from = row.entry + (low[0] as u32).saturating_sub(row.first_x);
-                let to = (row.entry + (high[0] as u32 + 1).saturating_sub(row.first_x)).min(end);
-                if from < to {
-                    visit(self.start[from as usize] as usize..self.start[to as usize] as usize);
+                let run = self.run(y, z, low[0], high[0]);
+                if !run.is_empty() {
+                    visit(run);
                 }
             }
         }
+    }
+
+    /// Slots of the cells from `low_x` to `high_x` of a row.
+    #[inline]
+    fn run(&self, y: usize, z: usize, low_x: usize, high_x: usize) -> Range<usize> {
+        let (row, end) = self.rows.row(y, z);
+        let from = row.entry + (low_x as u32).saturating_sub(row.first_x);
+        let to = (row.entry + (high_x as u32 + 1).saturating_sub(row.first_x)).min(end);
+        if from < to { self.start[from as usize] as usize..self.start[to as usize] as usize } else { 0..0 }
     }
 
     /// Calls `visit(slot, squared distance)` for every point nearer than `radius_mm` to `q`.
@@ -224,6 +169,7 @@ impl Grid {
     }
 
     /// The nearest point to `q` that `accept`s, nearer than `radius_mm`: its slot and squared distance.
+    /// Of several at the same distance, the one with the least slot.
     #[inline]
     pub fn nearest(
         &self,
@@ -231,21 +177,93 @@ impl Grid {
         radius_mm: f32,
         mut accept: impl FnMut(usize) -> bool,
     ) -> Option<(usize, f32)> {
-        let (mut best, mut best_d2) = (None, radius_mm * radius_mm);
-        let mut reach = self.cell_mm.min(radius_mm);
+        if self.is_empty() {
+            return None;
+        }
+        let mut best = Best { slot: None, d2: radius_mm * radius_mm };
+        // The point's own stretch of row is the likeliest place, and bounds the rest.
+        let [x, y, z] = self.rows.cell(q);
+        self.scan(self.run(y, z, x.saturating_sub(1), x + 1), q, &mut best, &mut accept);
+        let mut reach = self.rows.cell_mm.min(radius_mm);
+        if best.slot.is_some() {
+            reach = best.d2.sqrt() * 1.000_001;
+        }
         loop {
+            self.scan_ball(q, reach, &mut best, &mut accept);
+            if best.d2 <= reach * reach || reach >= radius_mm {
+                return best.slot.map(|slot| (slot, best.d2));
+            }
+            reach = (reach * 2.0).min(radius_mm);
+        }
+    }
+
+    /// The nearest accepted point within `radius_mm`, as [`Grid::nearest`], and a distance within which there is no other.
+    #[inline]
+    pub fn nearest_alone(
+        &self,
+        q: &Point3<f32>,
+        radius_mm: f32,
+        mut accept: impl FnMut(usize) -> bool,
+    ) -> (Option<(usize, f32)>, f32) {
+        let limit = radius_mm * radius_mm;
+        let mut reach = self.rows.cell_mm.min(radius_mm);
+        loop {
+            // Counted anew with each reach, else the nearest would be met twice and become its own second.
+            let (mut best, mut best_d2, mut second_d2) = (None, limit, limit);
             self.runs(q, reach, |run| {
                 for slot in run {
                     let d2 = self.squared_distance(slot, q);
-                    if d2 < best_d2 && accept(slot) {
-                        (best, best_d2) = (Some(slot), d2);
+                    if d2 < second_d2 && accept(slot) {
+                        if d2 < best_d2 {
+                            (best, second_d2, best_d2) = (Some(slot), best_d2, d2);
+                        } else {
+                            second_d2 = d2;
+                        }
                     }
                 }
             });
             if best_d2 <= reach * reach || reach >= radius_mm {
-                return best.map(|slot| (slot, best_d2));
+                return (best.map(|slot| (slot, best_d2)), second_d2.sqrt().min(reach));
             }
             reach = (reach * 2.0).min(radius_mm);
+        }
+    }
+
+    /// Scans what may be nearer than both `reach` and the best so far.
+    #[inline]
+    fn scan_ball(
+        &self,
+        q: &Point3<f32>,
+        reach: f32,
+        best: &mut Best,
+        accept: &mut impl FnMut(usize) -> bool,
+    ) {
+        let near = Vector3::repeat(reach);
+        let (low, high) = (self.rows.cell(&(q - near)), self.rows.cell(&(q + near)));
+        for z in low[2]..=high[2] {
+            let dz = self.rows.gap_mm(q, 2, z);
+            for y in low[1]..=high[1] {
+                let dy = self.rows.gap_mm(q, 1, y);
+                if dy * dy + dz * dz <= best.d2 {
+                    self.scan(self.run(y, z, low[0], high[0]), q, best, accept);
+                }
+            }
+        }
+    }
+
+    #[inline]
+    fn scan(
+        &self,
+        run: Range<usize>,
+        q: &Point3<f32>,
+        best: &mut Best,
+        accept: &mut impl FnMut(usize) -> bool,
+    ) {
+        for slot in run {
+            let d2 = self.squared_distance(slot, q);
+            if (d2 < best.d2 || (d2 == best.d2 && best.slot.is_some_and(|b| slot < b))) && accept(slot) {
+                *best = Best { slot: Some(slot), d2 };
+            }
         }
     }
 
@@ -256,16 +274,57 @@ impl Grid {
     }
 }
 
-/// Lowest and highest coordinate on each axis; the origin for no points.
-fn bounds(points: &[Point3<f32>]) -> ([f32; 3], [f32; 3]) {
-    let (mut low, mut high) = ([f32::MAX; 3], [f32::MIN; 3]);
-    for p in points {
-        for k in 0..3 {
-            low[k] = low[k].min(p[k]);
-            high[k] = high[k].max(p[k]);
-        }
+/// The nearest slot so far and its squared distance, or the bound where there is none.
+struct Best {
+    slot: Option<usize>,
+    d2: f32,
+}
+
+/// Counting sort of points by the entry of their cell: first slot of each entry, and the point at each slot.
+fn sorted(rows: &Rows, at: &[CellAt]) -> (Vec<u32>, Vec<u32>) {
+    // One place further on, so that filling the cells leaves each entry at its own beginning.
+    let mut start = vec![0u32; rows.entries() + 2];
+    for at in at {
+        start[rows.entry_of(at) + 2] += 1;
     }
-    if points.is_empty() { ([0.0; 3], [0.0; 3]) } else { (low, high) }
+    let mut before = 0;
+    for count in &mut start {
+        before += *count;
+        *count = before;
+    }
+    let mut order = vec![0; at.len()];
+    for (i, at) in at.iter().enumerate() {
+        let next = &mut start[rows.entry_of(at) + 1];
+        order[*next as usize] = i as u32;
+        *next += 1;
+    }
+    start.truncate(rows.entries() + 1);
+    (start, order)
+}
+
+/// Exact centroid of the points in each occupied cell of `cell_mm`, in the order of the cells: without a sort, since
+/// nothing else is asked of the points.
+pub fn centroids(points: &[Point3<f32>], cell_mm: f32) -> Vec<Point3<f32>> {
+    let (rows, at) = Rows::over(points, cell_mm);
+    // Sums of the offsets from the cell's corner, and the number of points.
+    let mut sums = vec![[0f32; 4]; rows.entries()];
+    let ny = rows.cells[1] as u32;
+    for (p, at) in points.iter().zip(&at) {
+        let corner = rows.corner_mm([at.x, at.row % ny, at.row / ny].map(|k| k as usize));
+        let sum = &mut sums[rows.entry_of(at)];
+        *sum = [
+            sum[0] + (p.x - corner[0]),
+            sum[1] + (p.y - corner[1]),
+            sum[2] + (p.z - corner[2]),
+            sum[3] + 1.0,
+        ];
+    }
+    let occupied = rows.all().filter(|(entry, _)| sums[*entry][3] > 0.0);
+    let centroid = |(entry, at): (usize, [usize; 3])| {
+        let (corner, [x, y, z, count]) = (rows.corner_mm(at), sums[entry]);
+        Point3::new(corner[0] + x / count, corner[1] + y / count, corner[2] + z / count)
+    };
+    occupied.map(centroid).collect()
 }
 
 #[cfg(test)]
@@ -306,6 +365,23 @@ mod tests {
         assert_eq!(d2, expected.fold(f32::MAX, f32::min));
         assert!(odd(grid.index(slot)));
         assert!(grid.nearest(&q, 0.1, |_| true).is_none());
+    }
+
+    #[test]
+    fn no_other_point_is_within_the_distance_beside_the_nearest() {
+        let points = lattice();
+        let grid = Grid::new(&points, 2.0);
+        for q in [Point3::new(0.4, 1.9, -2.2), Point3::new(-9.0, 3.1, 4.4), Point3::new(1.5, 0.1, 0.7)] {
+            for radius in [0.3, 1.6, 7.0, 20.0] {
+                let (found, alone) = grid.nearest_alone(&q, radius, |_| true);
+                assert_eq!(found, grid.nearest(&q, radius, |_| true));
+                let own = found.map(|(slot, _)| grid.index(slot));
+                let others = (0..points.len()).filter(|&i| Some(i) != own);
+                let next = others.map(|i| (points[i] - q).norm()).fold(f32::MAX, f32::min);
+                assert!(alone <= next && alone <= radius, "{alone} {next}");
+                assert!(found.is_none_or(|(_, d2)| d2.sqrt() <= alone));
+            }
+        }
     }
 
     #[test]

@@ -4,12 +4,15 @@
 //! right name. The effective job of a run is written next to its results and replays to the same path.
 
 pub mod quantity;
+pub mod robot;
 
 use std::path::{Path, PathBuf};
 
+use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 
 use crate::export::urscript;
+use crate::feasibility;
 use crate::pipeline;
 use crate::toolpath::program::Motion;
 use crate::toolpath::resampling::Sampling;
@@ -17,7 +20,10 @@ use quantity::{
     AirFeedMmS, ApproachMm, ClearanceMm, FeedMmS, Input, Output, PayloadKg, Points, RatioThreshold,
     SpacingMm, StandoffMm, TimeS,
 };
+use robot::{RobotSettings, TorchBodySettings};
 
+/// Where the tip is assumed for the feasibility check if there is no `[tool]`: straight ahead of the flange, mm.
+pub const ASSUMED_TCP_MM: f64 = 350.0;
 /// Spacing of the waypoints when nothing else is said, mm.
 const DEFAULT_SPACING_MM: f64 = 2.0;
 
@@ -68,6 +74,12 @@ pub struct Job {
     /// The tool; without it the robot controller's own setting holds.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tool: Option<ToolSettings>,
+    /// The arm that shall run the program; without it reach and joints are not checked.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub robot: Option<RobotSettings>,
+    /// Sizes of the torch; without it and without a robot, collisions are not checked.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub torch_body: Option<TorchBodySettings>,
 }
 
 /// `[selection]`: a seam is welded if it passes all that is given.
@@ -210,6 +222,11 @@ impl Job {
                 "add method = \"paper\", or leave the threshold to be found from the data",
             );
         }
+        let faults =
+            [job.robot.as_ref().and_then(RobotSettings::fault), job.torch_body.and_then(|t| t.fault())];
+        if let Some((key, why)) = faults.into_iter().flatten().next() {
+            return refuse(key, &why, "docs/feasibility.md lists the keys of [robot] and [torch_body]");
+        }
         Ok(job)
     }
 
@@ -255,6 +272,23 @@ impl Job {
             approach_mm: self.path.approach_mm.get(),
             clearance_mm: self.path.clearance_mm.get(),
         }
+    }
+
+    /// What the feasibility check needs; none if neither a robot nor a torch is given.
+    pub fn feasibility(&self) -> Option<feasibility::Setup> {
+        if self.robot.is_none() && self.torch_body.is_none() {
+            return None;
+        }
+        let body = self.torch_body.unwrap_or_default();
+        let robot = self.robot.as_ref().and_then(|robot| {
+            let flange_from_tcp = match &self.tool {
+                Some(tool) => robot::pose(tool.flange_from_tcp_mm, tool.flange_from_tcp_rotation_rad),
+                None => Isometry3::translation(0.0, 0.0, ASSUMED_TCP_MM),
+            };
+            let base_from_robot = robot.base_from_robot();
+            Some(feasibility::Robot { arm: robot.arm()?, base_from_robot, flange_from_tcp })
+        });
+        Some(feasibility::Setup { robot, torch: body.torch(), clearance_mm: body.keep_off_mm })
     }
 
     /// What a robot controller needs beside the path.
@@ -325,6 +359,11 @@ gas_preflow_s = 0.4
 flange_from_tcp_mm = [0, -50, 300]
 flange_from_tcp_rotation_rad = [0, 0.5, 0]
 payload_kg = 2.1
+[robot]
+model = "ur10e"
+base_mm = [0, 0, -40]
+[torch_body]
+neck_deg = 22
 "#;
 
     fn refused(text: &str) -> (usize, String, String) {
@@ -343,6 +382,7 @@ payload_kg = 2.1
             assert_eq!(job.pipeline().method, again.pipeline().method);
             assert_eq!((job.motion(), job.controller()), (again.motion(), again.controller()));
             assert_eq!(job.selection, again.selection);
+            assert_eq!((&job.robot, job.torch_body), (&again.robot, again.torch_body));
             assert_eq!(job.to_toml(), again.to_toml());
         }
     }
@@ -393,6 +433,8 @@ payload_kg = 2.1
             ("[arc]\noutput = true", "boolean"),
             ("[selection]\nnear_mm = [1, 2]", "length"),
             ("[selection]\nroi_mm = [[0, 0, 0], [1, -1, 1]]", "first corner"),
+            ("[robot]\nmodel = \"ur6\"", "did you mean"),
+            ("[torch_body]\nneck_deg = 120", "not -90 to 90"),
         ] {
             let (line, why, _) = refused(text);
             assert_eq!(line, 2, "{text}");

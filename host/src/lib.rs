@@ -5,12 +5,15 @@
 #![forbid(unsafe_code)]
 
 pub mod cloud;
+pub mod comparison;
+pub mod coverage;
 pub mod denoising;
 pub mod downsampling;
 #[cfg(unix)]
 pub mod emulator;
 pub mod evaluation;
 pub mod export;
+pub mod feasibility;
 pub mod grid;
 pub mod job;
 pub mod link;

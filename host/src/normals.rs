@@ -4,6 +4,8 @@
 //! Departure from the paper: one normal per cell, not per raw point, because a third of a millimetre of noise at half
 //! a millimetre of spacing leaves a raw point's normal meaningless.
 
+pub mod pointwise;
+
 use crate::cloud::{PointCloud, View};
 use crate::grid::{Cell, Grid};
 use nalgebra::{Point3, Vector3};
@@ -22,6 +24,9 @@ pub struct Config {
     pub min_fit_points: u32,
     /// A larger window is taken while the variance about the plane grows by no more than this factor.
     pub max_growth: f32,
+    /// Cells are doubled, at most thrice, until this share of the points has a fit. A lidar's points are far denser along its
+    /// rings than across them, so that cells of a few spacings hold little but pieces of line.
+    pub min_fitted: f32,
     /// Surfaces seen at a more grazing angle are dropped: jitter along the surface shows as depth there.
     pub min_incidence_cos: f32,
 }
@@ -37,6 +42,7 @@ impl Default for Config {
             min_points: 2,
             min_fit_points: 9,
             max_growth: 1.4,
+            min_fitted: 0.6,
             min_incidence_cos: 0.2,
         }
     }
@@ -69,14 +75,32 @@ pub fn of_views(views: &[View], config: &Config) -> Vec<Patches> {
 /// Patches of one view, eq. (9).
 pub fn estimate(view: &View, config: &Config) -> Patches {
     let spacing_mm = mean_spacing_mm(&view.points_mm);
-    let cell_mm = (config.cell_spacings * spacing_mm).max(config.min_cell_mm);
+    let mut cell_mm = (config.cell_spacings * spacing_mm).max(config.min_cell_mm);
+    let most_mm = COARSEST * cell_mm;
+    loop {
+        let (patches, fitted) = in_cells(view, spacing_mm, cell_mm, config);
+        if fitted >= config.min_fitted * view.points_mm.len() as f32 || cell_mm >= most_mm {
+            return patches;
+        }
+        cell_mm *= 2.0;
+    }
+}
+
+/// Cells grow to so many times their first edge where too few points are near enough to others.
+const COARSEST: f32 = 8.0;
+
+/// Least variance across the points of a fit, in squared cells: a window full of points has 0.75, a piece of line its noise.
+const MIN_BREADTH: f32 = 0.1;
+
+/// Patches in cells of the given edge, and how many points have enough neighbours on all sides for a fit.
+fn in_cells(view: &View, spacing_mm: f32, cell_mm: f32, config: &Config) -> (Patches, f32) {
     let grid = Grid::new(&view.points_mm, cell_mm);
     let cells = Cells::new(&grid);
     // Windows of 3, 5 and 9 cells, the larger ones tapered.
-    let near = cells.widen(&grid, 1);
-    let wide = near.widen(&grid, 1);
-    let far = wide.widen(&grid, 2);
-    let narrow: Vec<Plane> = near.moments.par_iter().map(Moments::plane).collect();
+    let near = cells.widen(&grid, &cells.sums(&grid), 1);
+    let wide = cells.widen(&grid, &near, 1);
+    let far = cells.widen(&grid, &wide, 2);
+    let narrow: Vec<Plane> = near.par_iter().map(Sums::plane).collect();
     let mut sizes: Vec<f32> = narrow.iter().map(|p| p.variance_mm2).collect();
     let noise_mm2 = median(&mut sizes);
     // Noise grows with distance: the work is nearer than most of what is in view.
@@ -85,13 +109,16 @@ pub fn estimate(view: &View, config: &Config) -> Patches {
         if sizes.is_empty() { 0.0 } else { *sizes.select_nth_unstable_by(quarter, f32::total_cmp).1 };
     let mut patches =
         Patches { cell_mm: grid.cell_mm(), spacing_mm, noise_mm: quiet_mm2.sqrt(), ..Patches::default() };
+    let mut fitted = 0.0;
     for (k, own) in cells.moments.iter().enumerate() {
-        let window = &near.moments[k];
-        if own.count < config.min_points as f32 || window.count < config.min_fit_points as f32 {
+        if own.count < config.min_points as f32 || narrow[k].points < config.min_fit_points as f32 {
             continue;
         }
+        if narrow[k].middle_mm2 > MIN_BREADTH * grid.cell_mm().powi(2) {
+            fitted += own.count;
+        }
         let mut plane = narrow[k];
-        for (larger, overlap) in [(&wide.moments[k], 27.0 / 4.0), (&far.moments[k], 27.0 * 27.0 / 16.0)] {
+        for (larger, overlap) in [(&wide[k], 27.0 / 4.0), (&far[k], 27.0 * 27.0 / 16.0)] {
             let candidate = larger.plane();
             if candidate.variance_mm2 > config.max_growth * plane.variance_mm2.max(noise_mm2) {
                 break;
@@ -114,7 +141,7 @@ pub fn estimate(view: &View, config: &Config) -> Patches {
             .push(CORRELATED_POINTS * plane.variance_mm2 / (plane.points * plane.middle_mm2));
         patches.count.push(own.count);
     }
-    patches
+    (patches, fitted)
 }
 
 /// Mean distance from a point to its nearest distinct neighbour, mm, from an even sample of the cloud; the paper's "average distance".
@@ -168,7 +195,7 @@ pub(crate) struct Moments {
     pub(crate) second: [f32; 6],
 }
 
-/// A fitted plane relative to the moments' centre.
+/// A fitted plane relative to the centre of its moments.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Plane {
     pub(crate) mean: Vector3<f32>,
@@ -193,32 +220,24 @@ impl Moments {
         s[5] += d.z * d.z;
     }
 
-    /// Adds moments that were taken about a centre `shift` away from ours.
-    fn absorb(&mut self, other: &Self, shift: Vector3<f32>) {
-        let (n, m, t) = (other.count, other.sum, shift);
-        self.count += n;
-        self.sum += m + t * n;
-        let o = &other.second;
-        let s = &mut self.second;
-        s[0] += o[0] + 2.0 * t.x * m.x + n * t.x * t.x;
-        s[1] += o[1] + t.x * m.y + t.y * m.x + n * t.x * t.y;
-        s[2] += o[2] + t.x * m.z + t.z * m.x + n * t.x * t.z;
-        s[3] += o[3] + 2.0 * t.y * m.y + n * t.y * t.y;
-        s[4] += o[4] + t.y * m.z + t.z * m.y + n * t.y * t.z;
-        s[5] += o[5] + 2.0 * t.z * m.z + n * t.z * t.z;
-    }
-
     pub(crate) fn plane(&self) -> Plane {
         let n = self.count.max(1.0);
         let mean = self.sum / n;
         let c = |k: usize, a: usize, b: usize| f64::from(self.second[k] / n - mean[a] * mean[b]);
-        let eigen = smallest_eigen([c(0, 0, 0), c(1, 0, 1), c(2, 0, 2), c(3, 1, 1), c(4, 1, 2), c(5, 2, 2)]);
-        Plane {
+        Plane::new(mean, [c(0, 0, 0), c(1, 0, 1), c(2, 0, 2), c(3, 1, 1), c(4, 1, 2), c(5, 2, 2)], n)
+    }
+}
+
+impl Plane {
+    /// From the scatter (xx xy xz yy yz zz) of so many points about their mean.
+    fn new(mean: Vector3<f32>, scatter: [f64; 6], points: f32) -> Self {
+        let eigen = smallest_eigen(scatter);
+        Self {
             mean,
             normal: eigen.vector.cast(),
             variance_mm2: eigen.least.max(1e-9) as f32,
             middle_mm2: eigen.middle.max(1e-6) as f32,
-            points: n,
+            points,
         }
     }
 }
@@ -247,37 +266,81 @@ impl Cells {
         cells
     }
 
-    /// Adds to each cell the moments of its 26 neighbours `stride` cells away.
     pub(crate) fn len(&self) -> usize {
         self.moments.len()
     }
 
-    pub(crate) fn widen(&self, grid: &Grid, stride: usize) -> Self {
-        let moments = self.cells.par_iter().map(|&cell| self.window(cell, grid, stride)).collect();
-        Self { cells: self.cells.clone(), moments, at: self.at.clone() }
+    /// Sums of the cells' own points.
+    pub(crate) fn sums(&self, grid: &Grid) -> Vec<Sums> {
+        self.cells.par_iter().zip(&self.moments).map(|(&cell, own)| Sums::new(cell, own, grid)).collect()
     }
 
-    fn window(&self, cell: Cell, grid: &Grid, stride: usize) -> Moments {
+    /// Adds to each cell's sums those of its 26 neighbours `stride` cells away.
+    pub(crate) fn widen(&self, grid: &Grid, sums: &[Sums], stride: usize) -> Vec<Sums> {
+        self.cells.par_iter().map(|&cell| self.window(cell, grid, sums, stride)).collect()
+    }
+
+    fn window(&self, cell: Cell, grid: &Grid, sums: &[Sums], stride: usize) -> Sums {
         let limit = grid.cells();
         let steps = |k: usize| {
             let low = cell.at[k].checked_sub(stride);
             let high = Some(cell.at[k] + stride).filter(|&at| at < limit[k]);
             [low, Some(cell.at[k]), high].into_iter().flatten()
         };
-        let mut window = Moments::default();
+        let mut window = Sums::default();
         for z in steps(2) {
             for y in steps(1) {
+                let (first_x, entries) = grid.row(y, z);
+                let row = &self.at[entries];
                 for x in steps(0) {
-                    let found = grid.entry([x, y, z]).map_or(0, |entry| self.at[entry]);
-                    if found > 0 {
-                        let step =
-                            [0, 1, 2].map(|k| ([x, y, z][k] as f32 - cell.at[k] as f32) * grid.cell_mm());
-                        window.absorb(&self.moments[found as usize - 1], step.into());
+                    let found = row.get(x.wrapping_sub(first_x)).map_or(0, |at| *at as usize);
+                    if let Some(other) = found.checked_sub(1) {
+                        window.absorb(&sums[other]);
                     }
                 }
             }
         }
         window
+    }
+}
+
+/// Count, sum and second moments of points about one origin for all cells, so that they add up term by term: 1, x y z,
+/// xx xy xz yy yz zz. Double precision makes up for the distance of the origin.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Sums([f64; 10]);
+
+impl Sums {
+    /// About the middle of the grid's first cell.
+    fn new(cell: Cell, own: &Moments, grid: &Grid) -> Self {
+        let [x, y, z] = cell.at.map(|at| at as f64 * f64::from(grid.cell_mm()));
+        let [n, u, v, w] = [own.count, own.sum.x, own.sum.y, own.sum.z].map(f64::from);
+        let s = own.second.map(f64::from);
+        Self([
+            n,
+            u + n * x,
+            v + n * y,
+            w + n * z,
+            s[0] + 2.0 * x * u + n * x * x,
+            s[1] + x * v + y * u + n * x * y,
+            s[2] + x * w + z * u + n * x * z,
+            s[3] + 2.0 * y * v + n * y * y,
+            s[4] + y * w + z * v + n * y * z,
+            s[5] + 2.0 * z * w + n * z * z,
+        ])
+    }
+
+    fn absorb(&mut self, other: &Self) {
+        self.0.iter_mut().zip(&other.0).for_each(|(own, more)| *own += more);
+    }
+
+    /// The plane fitted to the points.
+    pub(crate) fn plane(&self) -> Plane {
+        let [n, x, y, z, s @ ..] = self.0;
+        let per = 1.0 / n.max(1.0);
+        let [x, y, z] = [x, y, z].map(|sum| sum * per);
+        let [xx, xy, xz, yy, yz, zz] = s.map(|sum| sum * per);
+        let scatter = [xx - x * x, xy - x * y, xz - x * z, yy - y * y, yz - y * z, zz - z * z];
+        Plane::new(Vector3::new(x, y, z).cast(), scatter, n.max(1.0) as f32)
     }
 }
 
@@ -294,10 +357,10 @@ pub struct Eigen {
 
 /// Eigen-decomposition of a symmetric matrix (xx xy xz yy yz zz) as far as a plane fit needs it.
 ///
-/// Closed form (Smith 1961): eigenvalues as trigonometric roots of the characteristic polynomial, the vector as the
-/// longest cross product of two rows of the matrix less its eigenvalue.
+/// The characteristic polynomial of the matrix less its mean, scaled, is `x³ - 3x - det` (Smith 1961). Below its least root it
+/// is concave and rises, so Newton's steps from -2 reach that root from one side; the other two solve a quadratic. The
+/// vector is the longest cross product of two rows of the matrix less its eigenvalue.
 pub fn smallest_eigen([a, b, c, d, e, f]: [f64; 6]) -> Eigen {
-    const THIRD_TURN: f64 = std::f64::consts::TAU / 3.0;
     let mean = (a + d + f) / 3.0;
     let off = b * b + c * c + e * e;
     let spread = ((a - mean).powi(2) + (d - mean).powi(2) + (f - mean).powi(2) + 2.0 * off) / 6.0;
@@ -305,15 +368,33 @@ pub fn smallest_eigen([a, b, c, d, e, f]: [f64; 6]) -> Eigen {
     if scale <= 1e-12 * mean.abs() || scale == 0.0 {
         return Eigen { vector: Vector3::z(), least: mean, middle: mean };
     }
-    let (p, q, r) = ((a - mean) / scale, (d - mean) / scale, (f - mean) / scale);
-    let (s, t, u) = (b / scale, c / scale, e / scale);
-    let half_det = 0.5 * (p * (q * r - u * u) - s * (s * r - u * t) + t * (s * u - q * t));
-    let angle = half_det.clamp(-1.0, 1.0).acos() / 3.0;
-    let least = mean + 2.0 * scale * (angle + THIRD_TURN).cos();
-    let middle = mean + 2.0 * scale * (angle - THIRD_TURN).cos();
+    let per = 1.0 / scale;
+    let (p, q, r) = ((a - mean) * per, (d - mean) * per, (f - mean) * per);
+    let (s, t, u) = (b * per, c * per, e * per);
+    let det = p * (q * r - u * u) - s * (s * r - u * t) + t * (s * u - q * t);
+    let root = least_root(det.clamp(-2.0, 2.0));
+    let least = mean + scale * root;
+    let middle = mean - 0.5 * scale * (root + (12.0 - 3.0 * root * root).max(0.0).sqrt());
     let rows = [Vector3::new(a - least, b, c), Vector3::new(b, d - least, e), Vector3::new(c, e, f - least)];
     let crosses = [rows[0].cross(&rows[1]), rows[0].cross(&rows[2]), rows[1].cross(&rows[2])];
     let longest = crosses.into_iter().max_by(|x, y| x.norm_squared().total_cmp(&y.norm_squared()));
     let vector = longest.and_then(|v| v.try_normalize(0.0)).unwrap_or_else(Vector3::z);
     Eigen { vector, least, middle }
+}
+
+/// Least root of `x³ - 3x - det`, for `det` between -2 and 2.
+fn least_root(det: f64) -> f64 {
+    // The step halves the error near a double root, so this many leave less than rounding does there.
+    const MOST_STEPS: usize = 30;
+    // First step from -2, where the slope is 9.
+    let mut x = -2.0 + (det + 2.0) / 9.0;
+    for _ in 0..MOST_STEPS {
+        let slope = 3.0 * (x * x - 1.0);
+        let step = (x * (x * x - 3.0) - det) / slope;
+        if slope <= 0.0 || step > -1e-15 {
+            break;
+        }
+        x -= step;
+    }
+    x
 }

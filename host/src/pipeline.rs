@@ -5,7 +5,7 @@ use crate::downsampling::Voxels;
 pub use crate::reconstruction::ViewReport;
 use crate::seam::Seam;
 use crate::toolpath::SeamPath;
-use crate::{denoising, downsampling, normals, orientation, reconstruction, seam};
+use crate::{coverage, denoising, downsampling, normals, orientation, reconstruction, seam};
 use std::time::Instant;
 
 /// How seams are found.
@@ -45,6 +45,8 @@ pub struct Plan {
     pub seams: Vec<Seam>,
     /// One path per seam, in the same order.
     pub paths: Vec<SeamPath>,
+    /// Stretches of the seams that should be scanned again.
+    pub coverage: Vec<coverage::Gap>,
     /// One per view; empty for a single cloud.
     pub views: Vec<ViewReport>,
     /// Parameters that were derived from the data: name, value, unit, how.
@@ -117,13 +119,11 @@ pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Re
     let registration =
         clock.time("reconstruction", || reconstruction::register(views, &patches, &config.reconstruction));
     let merged = clock.time("merge", || Merged::new(views, &registration.base_from_camera));
-    let whole_views = views.len() > 1 && views.iter().all(|v| v.camera_known);
+    let cameras_known = views.iter().all(|v| v.camera_known);
+    let whole_views = views.len() > 1 && cameras_known;
     let unknown_side = views.iter().any(|v| !v.camera_known && v.normals.is_empty());
     let first = downsampling::Scale::of(&merged, &patches, &config.downsampling);
-    // Coarse or quantised clouds show their seams only at a larger scale.
-    let resolves = |scale: &downsampling::Scale| scale.edge_mm <= COARSEST_MM.max(first.edge_mm);
-    let mut scales =
-        COARSER.iter().map(|factor| first.coarser(*factor)).filter(resolves).collect::<Vec<_>>().into_iter();
+    let mut scales = scales(&first, whole_views).into_iter();
     let (scale, model, found) = loop {
         let Some(scale) = scales.next() else { return Err(no_seam(NOTHING.into())) };
         observer.stage("downsampling");
@@ -144,8 +144,16 @@ pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Re
         observer.stage("seam");
         let registration = Some(&registration);
         let names = views.iter().map(|v| v.name.as_str()).collect();
-        let input =
-            seam::Input { merged: &merged, voxels: &voxels, model: &model, registration, names, whole_views };
+        let input = seam::Input {
+            merged: &merged,
+            voxels: &voxels,
+            model: &model,
+            registration,
+            names,
+            whole_views,
+            cameras_known,
+            last_scale: scale.edge_mm > first.edge_mm && scales.len() == 0,
+        };
         let found = match config.method {
             Method::Weldpath => clock.time("seam", || seam::find(&input, &config.seam)),
             Method::Paper { ratio_threshold } => {
@@ -157,23 +165,38 @@ pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Re
         if !found.seams.is_empty() {
             break (scale, model, found);
         }
-        if scales.len() == 0 || whole_views {
+        if scales.len() == 0 {
             return Err(no_seam(found.reason));
         }
     };
     observer.stage("toolpath");
     let paths = clock.time("toolpath", || found.seams.iter().map(SeamPath::along).collect());
+    let cameras_known = views.iter().all(|v| v.camera_known);
+    let coverage = clock.time("coverage", || coverage::gaps(&found.seams, &merged, cameras_known));
     let reports = if views.len() > 1 { registration.report(views) } else { Vec::new() };
     let mut warnings = registration.warnings(views, &patches);
     warnings.extend(found.warnings);
+    warnings.extend(coverage.iter().map(coverage::Gap::words));
     let derived = derived(&scale, found.gate);
-    Ok(Plan { model, seams: found.seams, paths, views: reports, derived, stage_s: clock.stages, warnings })
+    let (seams, stage_s) = (found.seams, clock.stages);
+    Ok(Plan { model, seams, paths, coverage, views: reports, derived, stage_s, warnings })
 }
 
-/// Scales that are tried until one shows a seam, in multiples of the first.
-const COARSER: [f32; 3] = [1.0, 1.8, 2.8];
-/// Coarser voxels resolve no plate edge, mm.
-const COARSEST_MM: f32 = 2.5;
+/// The voxels that are tried until they show a seam: blurred or quantised clouds show theirs only in larger ones.
+fn scales(first: &downsampling::Scale, only_first: bool) -> Vec<downsampling::Scale> {
+    let mut scales = vec![*first];
+    let coarser = [COARSER * first.edge_mm, COARSEST_MM];
+    for edge_mm in coarser.into_iter().filter(|edge| !only_first && *edge <= COARSEST_MM) {
+        if scales.last().is_some_and(|last| edge_mm > 1.1 * last.edge_mm) {
+            scales.push(first.coarser(edge_mm / first.edge_mm));
+        }
+    }
+    scales
+}
+
+/// The second of them, in multiples of the first, and the largest, which still resolves thick plates, mm.
+const COARSER: f32 = 1.8;
+const COARSEST_MM: f32 = 3.0;
 const NOTHING: &str = "there is no inside corner between two faces";
 /// Fewer voxels than this cannot make two faces.
 const MIN_POINTS: usize = 40;

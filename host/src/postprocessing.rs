@@ -2,8 +2,9 @@
 
 use crate::export::directory::File;
 use crate::export::summary::{Source, Summary};
-use crate::export::{csv, json, ply, urscript};
-use crate::job::{Job, Method};
+use crate::export::{csv, feasibility as feasibility_csv, json, ply, urscript};
+use crate::feasibility::{self, Report};
+use crate::job::{ASSUMED_TCP_MM, Job, Method};
 use crate::pipeline::Plan;
 use crate::selection::{self, select};
 use crate::toolpath::SeamPath;
@@ -31,8 +32,10 @@ pub fn postprocess(plan: &Plan, job: &Job, source: Source) -> Result<Output, sel
     let mut warnings = plan.warnings.clone();
     warnings.extend(program.warnings.iter().cloned());
     warnings.extend(tool_warning(job));
-    let summary = Summary::new(plan, source, &paths, warnings);
-    let files = vec![
+    let feasibility = feasibility(plan, job, &paths);
+    warnings.extend(feasibility.iter().flat_map(Report::warnings));
+    let summary = Summary::new(plan, source, &paths, warnings).with_feasibility(feasibility.as_ref());
+    let mut files = vec![
         File::new("path.csv", csv::write(&paths)),
         File::new("path.json", json::write(&program.waypoints)),
         File::new("path.script", urscript::write(&program.waypoints, &job.controller())),
@@ -40,6 +43,9 @@ pub fn postprocess(plan: &Plan, job: &Job, source: Source) -> Result<Output, sel
         File::new("job.toml", job.to_toml()),
         File::new("summary.json", summary.to_json()),
     ];
+    if let Some(report) = &feasibility {
+        files.push(File::new("feasibility.csv", feasibility_csv::csv(&program.waypoints, report)));
+    }
     Ok(Output { paths, program, summary, files })
 }
 
@@ -54,7 +60,20 @@ fn modified(paths: &[SeamPath], job: &Job) -> Vec<SeamPath> {
     paths.iter().map(|path| standoff(sampled(path), standoff_mm)).collect()
 }
 
+/// Reach, joints and torch, if the job says with what.
+fn feasibility(plan: &Plan, job: &Job, paths: &[SeamPath]) -> Option<Report> {
+    let program = |paths: &[SeamPath]| program(paths, &plan.model, &job.motion()).waypoints;
+    Some(feasibility::assess(paths, &program, &plan.model, &job.feasibility()?))
+}
+
 fn tool_warning(job: &Job) -> Option<String> {
     let text = "path.script uses the TCP and payload that are set on the controller; give them as [tool] in a job file";
-    job.tool.is_none().then(|| text.to_owned())
+    let assumed = if job.robot.is_some() {
+        format!(
+            "; for the feasibility check the tip is taken {ASSUMED_TCP_MM} mm straight ahead of the flange"
+        )
+    } else {
+        String::new()
+    };
+    job.tool.is_none().then(|| format!("{text}{assumed}"))
 }

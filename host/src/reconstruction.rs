@@ -5,7 +5,11 @@
 //! Gaussian prior, so that what the surfaces cannot see stays where the robot said; view 0 is never moved and defines
 //! the frame. What remains uncertain is returned, per view, and goes into each seam's expected error.
 
+mod correspondence;
 pub mod icp;
+pub mod pair;
+mod source;
+mod system;
 
 use crate::cloud::View;
 use crate::normals::Patches;
@@ -67,7 +71,7 @@ impl Registration {
 
     /// Variance of a place as view `view` sees it, along a direction, mm².
     pub fn variance_mm2(&self, view: usize, place_mm: &Point3<f64>, along: &Vector3<f64>) -> f64 {
-        let row = icp::point_row(&(place_mm - self.centre_mm), along);
+        let row = system::point_row(&(place_mm - self.centre_mm), along);
         (row.transpose() * self.covariance_of(view) * row)[0]
     }
 }

@@ -51,6 +51,7 @@ pub fn without_seams(recording: &Recording, job: &Job, reason: &str) -> Vec<File
         derived: Vec::new(),
         stage_s: Vec::new(),
         warnings: Vec::new(),
+        coverage: Vec::new(),
     };
     let summary = Summary::new(&plan, Source::default(), &[], vec![reason.to_owned()]);
     let output = Output { paths: Vec::new(), program: Program::default(), summary, files: Vec::new() };

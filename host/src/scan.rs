@@ -1,14 +1,19 @@
 //! Reads what a camera saw: everything that turns INPUT into [`View`]s in millimetres.
 //!
 //! INPUT is a folder with `scan.json` (or that file), a folder of depth images with a trajectory, or one file:
-//! PLY, PCD, XYZ/CSV, STL, OBJ or a 16-bit depth PNG. The content decides the kind, the extension only where the
+//! PLY, PCD, XYZ/CSV, STL, OBJ, a 16-bit depth PNG, or, with the features of these names, E57 and LAS/LAZ. The content decides the kind, the extension only where the
 //! content has no mark of its own. This module is the only place where metres appear: [`Units`] says how they are known.
 //! Nothing here trusts a count in a header: it is held against the size of the file before anything is allocated.
 
 mod depth;
+mod direction;
+#[cfg(feature = "e57")]
+mod e57;
 mod fast;
 mod frame;
 mod kind;
+#[cfg(feature = "las")]
+mod las;
 mod manifest;
 mod mesh;
 mod pcd;
@@ -17,11 +22,12 @@ mod raw;
 mod stl;
 mod text;
 mod trajectory;
+mod transform;
 mod units;
 
 use std::path::{Path, PathBuf};
 
-use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 use crate::cloud::View;
 use kind::Kind;
@@ -160,9 +166,25 @@ pub fn read_bytes(bytes: Vec<u8>, path: &Path, options: &Options) -> Result<Scan
     }
     match kind::of(&bytes, path) {
         Some(Kind::Png) => depth::read_single(&bytes, path),
+        #[cfg(feature = "e57")]
+        Some(Kind::E57) => e57::read(bytes, path, options),
         Some(kind) => single(parse(bytes, kind, path)?, path, options),
         None => Err(Error::UnknownKind { path: path.into(), help: kind::help(path) }),
     }
+}
+
+/// The points of a PLY, PCD, XYZ/CSV, STL or OBJ file as they stand in it: its unit, its frame, nothing dropped.
+///
+/// # Errors
+/// As [`read`].
+pub fn points(path: &Path) -> Result<Vec<Point3<f32>>, Error> {
+    let bytes = read_file(path)?;
+    let unknown = || Error::UnknownKind { path: path.into(), help: kind::help(path) };
+    let kind = kind::of(&bytes, path).ok_or_else(unknown)?;
+    Ok(match parse(bytes, kind, path)?.positions {
+        raw::Positions::Single(points) => points,
+        raw::Positions::Double(points) => points.iter().map(|p| p.cast()).collect(),
+    })
 }
 
 /// The points of one file, as they stand in it.
@@ -173,6 +195,11 @@ fn parse(bytes: Vec<u8>, kind: Kind, path: &Path) -> Result<Raw, Error> {
         Kind::Text => text::parse(&bytes, path),
         Kind::Stl => stl::parse(bytes, path),
         Kind::Obj => mesh::parse_obj(&bytes, path),
+        Kind::E57 => without_feature(path, "E57", "e57"),
+        #[cfg(feature = "las")]
+        Kind::Las => las::parse(bytes, path),
+        #[cfg(not(feature = "las"))]
+        Kind::Las => without_feature(path, "LAS", "las"),
         Kind::Png | Kind::Json => Err(Error::malformed(
             path,
             "byte 0",
@@ -180,6 +207,15 @@ fn parse(bytes: Vec<u8>, kind: Kind, path: &Path) -> Result<Raw, Error> {
             "Give a depth image as `depth`, a cloud as `cloud`.",
         )),
     }
+}
+
+/// A kind that this build leaves out, or that only stands alone.
+fn without_feature(path: &Path, kind: &str, feature: &str) -> Result<Raw, Error> {
+    let help = format!(
+        "Give the file itself as INPUT to a build with `--features {feature}`; or export it as PLY or PCD, for instance with \
+         CloudCompare"
+    );
+    Err(Error::malformed(path, "byte 0", format!("{kind} is not read here"), help))
 }
 
 /// A single file as INPUT: its unit and its frame are for us to find out.
@@ -293,8 +329,8 @@ mod tests {
     #[test]
     fn an_unknown_file_and_a_missing_one_name_a_way_out() {
         let unknown =
-            read_bytes(vec![1, 2, 3], Path::new("part.e57"), &Options::default()).unwrap_err().to_string();
-        assert!(unknown.contains("part.e57") && unknown.contains("PLY"), "{unknown}");
+            read_bytes(vec![1, 2, 3], Path::new("part.xyz7"), &Options::default()).unwrap_err().to_string();
+        assert!(unknown.contains("part.xyz7") && unknown.contains("PLY"), "{unknown}");
         let missing = read(Path::new("no/such/cloud.ply"), &Options::default()).unwrap_err().to_string();
         assert!(missing.contains("no/such/cloud.ply") && missing.contains("INPUT"), "{missing}");
     }

@@ -6,11 +6,17 @@ pub mod edges;
 pub mod expected;
 pub mod face;
 pub mod joint;
+pub mod loops;
+pub mod overlap;
 pub mod paper;
 pub mod refine;
 pub mod section;
 pub mod smooth;
+pub mod splice;
+pub mod step;
+pub mod stretch;
 pub mod support;
+pub mod wedge;
 
 use crate::cloud::{Merged, PointCloud};
 use crate::downsampling::Voxels;
@@ -109,6 +115,8 @@ pub struct Config {
     pub chain: chain::Config,
     /// Refinement on the raw points.
     pub refine: refine::Config,
+    /// Steps between parallel layers.
+    pub step: step::Config,
 }
 
 /// What the steps before the seams hand over.
@@ -125,6 +133,10 @@ pub struct Input<'a> {
     pub names: Vec<&'a str>,
     /// Whether the cloud is a scan of cameras whose whole view is kept, so that a table would be in it.
     pub whole_views: bool,
+    /// Whether every point was seen by a camera of known place.
+    pub cameras_known: bool,
+    /// Whether these are larger voxels than the cloud asks for, the largest that are tried when no others show a seam.
+    pub last_scale: bool,
 }
 
 /// Seams and what was left out on the way.
@@ -153,22 +165,29 @@ pub fn find(input: &Input, config: &Config) -> Found {
         .into_iter()
         .partition(|c| table.is_some_and(|t| c.faces.iter().any(|face| t.is_face(face, &c.position))));
     let mut found = Found { gate: scores.gate, ..Found::default() };
-    let mut chains = chain::trace(&off_table, v, &config.chain);
+    let mut chains = chain::trace(&off_table, &grid, v, &config.chain);
     if chains.is_empty() && !input.whole_views {
         // A cropped cloud has no table in it: its lowest plane is part of the work.
-        chains = chain::trace(&on_table, v, &config.chain);
+        chains = chain::trace(&on_table, &grid, v, &config.chain);
     }
-    let seams = chains.iter().filter_map(|chain| {
-        let refined = refine::refine(input.merged, chain, v, &config.refine)?;
-        Some((chain, refined))
-    });
-    let measured: Vec<(&chain::Chain, refine::Refined)> = seams.collect();
+    if chains.is_empty() && input.last_scale {
+        chains = chain::trace(&off_table, &grid, v, &config.chain.blurred());
+    }
+    let chains = splice::joined(chains, &grid, v);
+    let measured: Vec<(&chain::Chain, refine::Refined)> =
+        chains.iter().filter_map(|chain| Some((chain, measure(input, chain, &grid, config)?))).collect();
+    let measured = overlap::apart(measured, v, config.chain.shortest_voxels * v);
     let most_mm = config.refine.reach * v;
     let described = measured.iter().map(|(chain, seam)| describe(input, chain, seam, &grid, most_mm));
-    let (sure, unsure): (Vec<Seam>, Vec<Seam>) = described.partition(is_sure);
     found.intensity = scores.intensity;
+    let most_error_mm = if input.last_scale { LAST_ERROR_VOXELS * f64::from(v) } else { f64::INFINITY };
+    let (sure, unsure): (Vec<Seam>, Vec<Seam>) =
+        described.partition(|seam| is_sure(seam) && seam.expected_error_mm < most_error_mm);
     found.seams = sure;
     found.warnings.extend(unsure.iter().map(left_out));
+    if found.seams.is_empty() {
+        found.seams = steps(input, table.as_ref(), &grid, config);
+    }
     mark_branches(&mut found.seams, 6.0 * f64::from(v));
     order(&mut found.seams);
     let unsure = unsure.first().map(left_out);
@@ -179,6 +198,44 @@ pub fn find(input: &Input, config: &Config) -> Found {
         _ => "there is no inside corner between two faces".into(),
     };
     found
+}
+
+/// A chain refined; closed where its ends ask for it and raw points bear it out.
+fn measure(input: &Input, chain: &chain::Chain, model: &Grid, config: &Config) -> Option<refine::Refined> {
+    let v = input.voxels.edge_mm;
+    let refine = |chain: &chain::Chain| refine::refine(input.merged, chain, v, &config.refine);
+    let whole = loops::closed(chain, model, v, config.chain.step_voxels * v)
+        .and_then(|chain| refine(&chain))
+        .filter(|seam| longest_gap(&seam.measured) as f32 * seam.step_mm <= 2.0 * config.refine.gap * v);
+    whole.or_else(|| refine(chain))
+}
+
+/// Seams by the second cue: plates on plates whose sides were not seen.
+fn steps(input: &Input, table: Option<&support::Support>, model: &Grid, config: &Config) -> Vec<Seam> {
+    let v = input.voxels.edge_mm;
+    let cloud = &input.voxels.cloud;
+    let corners = step::corners(cloud, &Grid::new(&cloud.points_mm, 4.0 * v), v, &config.step);
+    let is_table = |c: &corner::Corner| table.is_some_and(|t| t.is_face(&c.faces[0], &c.position));
+    let (on_table, off_table): (Vec<_>, Vec<_>) = corners.into_iter().partition(is_table);
+    let trace =
+        |corners: &[corner::Corner]| splice::joined(chain::trace(corners, model, v, &config.chain), model, v);
+    let mut chains = trace(&off_table);
+    if chains.is_empty() && !input.whole_views {
+        chains = trace(&on_table);
+    }
+    let refine = |chain: &chain::Chain| {
+        let scan = step::Scan { merged: input.merged, of_cameras: input.cameras_known };
+        step::refine(&scan, chain, v, &config.refine, &config.step)
+    };
+    let measured = chains.iter().filter_map(|chain| Some((chain, refine(chain)?))).collect();
+    let measured = overlap::apart(measured, v, config.chain.shortest_voxels * v);
+    let seams = measured.iter().map(|(chain, refined)| Seam {
+        joint: Joint::Lap,
+        reason: format!("a step of {:.1} mm between parallel faces", refined.reach_mm[1]),
+        warnings: vec!["the side of the upper plate was not seen and is taken as square to it".into()],
+        ..describe(input, chain, refined, model, config.refine.reach * v)
+    });
+    seams.filter(|seam| is_sure(seam) && seam.expected_error_mm < f64::from(v)).collect()
 }
 
 /// The candidates that pass the gate, moved onto the line in which their faces meet.
@@ -209,6 +266,8 @@ const LOOSE_NOISES: f64 = 0.38;
 /// Least confidence, and largest expected error of the torch, with which a seam is offered.
 const LEAST_CONFIDENCE: f64 = 0.6;
 const MOST_ERROR_DEG: f64 = 6.0;
+/// Largest expected error of the position of a seam that only the coarsest voxels show, in those.
+const LAST_ERROR_VOXELS: f64 = 0.15;
 
 fn is_sure(seam: &Seam) -> bool {
     seam.confidence >= LEAST_CONFIDENCE && seam.expected_error_deg <= MOST_ERROR_DEG

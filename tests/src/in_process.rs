@@ -1,6 +1,7 @@
 //! A pendant in a thread of the test, in real time, behind a socket or a pseudo-terminal: for hosts that are real.
 
 use std::io::{self, Read, Write};
+use std::net::TcpListener;
 use std::os::unix::net::UnixListener;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex, MutexGuard};
@@ -34,6 +35,8 @@ pub struct Seen {
     pub segment: u32,
     /// Whether the arc is on.
     pub arc: bool,
+    /// Tick of the last arc-on, 0 if there was none.
+    pub arc_on_tick: u32,
     /// Tick of the last arc-off.
     pub arc_off_tick: u32,
     /// Tick in which bytes came last.
@@ -59,18 +62,21 @@ impl InProcess {
         let folder = tempfile::tempdir()?;
         let path = folder.path().join("pendant");
         let listener = UnixListener::bind(&path)?;
-        let (events, happened) = channel();
-        thread::spawn(move || {
-            for (number, stream) in listener.incoming().flatten().enumerate() {
-                let Ok(writer) = stream.try_clone() else { return };
-                if events.send(Event::Joined(Box::new(writer))).is_err() {
-                    return;
-                }
-                let events = events.clone();
-                thread::spawn(move || listen(stream, number, &events));
-            }
+        let hosts = std::iter::from_fn(move || listener.accept().ok());
+        let halves = hosts.map_while(|(stream, _)| Some((stream.try_clone().ok()?, stream)));
+        Ok(Self::run(accept(halves), format!("unix:{}", path.display()), folder, 0.0))
+    }
+
+    /// Behind a TCP port of this machine.
+    pub fn on_tcp() -> io::Result<Self> {
+        let listener = TcpListener::bind("127.0.0.1:0")?;
+        let port = listener.local_addr()?.to_string();
+        let hosts = std::iter::from_fn(move || listener.accept().ok());
+        let halves = hosts.map_while(|(stream, _)| {
+            stream.set_nodelay(true).ok()?;
+            Some((stream.try_clone().ok()?, stream))
         });
-        Ok(Self::run(happened, format!("unix:{}", path.display()), folder, 0.0))
+        Ok(Self::run(accept(halves), port, tempfile::tempdir()?, 0.0))
     }
 
     /// Behind a pseudo-terminal on which every byte, both ways, is altered with this probability.
@@ -94,6 +100,7 @@ impl InProcess {
             tick: 0,
             segment: 0,
             arc: false,
+            arc_on_tick: 0,
             arc_off_tick: 0,
             heard_tick: 0,
         })));
@@ -146,6 +153,23 @@ impl Drop for InProcess {
     fn drop(&mut self) {
         *self.lock() = None;
     }
+}
+
+/// Everyone who connects is a host.
+fn accept<S: Read + Write + Send + 'static>(
+    hosts: impl Iterator<Item = (S, S)> + Send + 'static,
+) -> Receiver<Event> {
+    let (events, happened) = channel();
+    thread::spawn(move || {
+        for (number, (writer, reader)) in hosts.enumerate() {
+            if events.send(Event::Joined(Box::new(writer))).is_err() {
+                return;
+            }
+            let events = events.clone();
+            thread::spawn(move || listen(reader, number, &events));
+        }
+    });
+    happened
 }
 
 fn listen(mut reader: impl Read, number: usize, events: &Sender<Event>) {
@@ -239,8 +263,10 @@ impl Board {
         seen.tick += 1;
         seen.state = self.pendant.state();
         seen.segment = tick.set_point.map_or(seen.segment, |point| point.segment);
-        if seen.arc && !tick.outputs.arc {
-            seen.arc_off_tick = seen.tick;
+        match (seen.arc, tick.outputs.arc) {
+            (false, true) => seen.arc_on_tick = seen.tick,
+            (true, false) => seen.arc_off_tick = seen.tick,
+            _ => {}
         }
         seen.arc = tick.outputs.arc;
         seen.panel.established = tick.outputs.arc;

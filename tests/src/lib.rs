@@ -9,6 +9,7 @@ pub mod browser;
 pub mod command;
 pub mod in_process;
 pub mod qemu;
+pub mod simulated;
 pub mod world;
 
 use std::path::{Path, PathBuf};

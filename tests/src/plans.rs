@@ -41,6 +41,7 @@ fn of_paths(paths: Vec<SeamPath>) -> Plan {
         paths,
         views: vec![view()],
         derived,
+        coverage: vec![],
         stage_s: vec![("normals", 0.25), ("seam", 1.5)],
         warnings: vec!["view 2 sees little".into()],
     }

@@ -10,6 +10,7 @@ use weldpath::job::Job;
 use weldpath::pipeline::{self, Plan};
 use weldpath::postprocessing::postprocess;
 use weldpath::scan;
+use weldpath::simulation::{Request, simulate, write};
 use weldpath_tests::shared_data;
 
 /// The worst that is accepted: position RMSE in mm, torch RMSE in degrees, shares in percent.
@@ -59,26 +60,12 @@ const SCANS: &[(&str, Floor)] = &[
 const WEAK: &[&str] = &["yshape_weak_s1", "tacked_weak_s1"];
 
 /// Bars that are not held, the limit that is held instead, and why.
-const MISSED: &[(&str, &str, f64, &str)] = &[
-    (
-        "pipe",
-        "position",
-        0.14,
-        "44 mm of the inner corner, seen by few views, lie 0.27 mm off; the outer 0.06",
-    ),
-    (
-        "pipe",
-        "rotation",
-        1.8,
-        "44 mm of the inner corner, seen by few views, turn by 4 degrees; the outer by 0.05",
-    ),
-    (
-        "saddle_flat_mid_s3",
-        "rotation",
-        1.2,
-        "both the torch axis, 0.9, and the travel, 0.7, waver around the loop",
-    ),
-];
+const MISSED: &[(&str, &str, f64, &str)] = &[(
+    "pipe",
+    "rotation",
+    0.7,
+    "44 mm of the inner corner, seen by few views through the pipe, turn by 1.5 degrees; the outer by 0.06",
+)];
 
 /// Plans a folder with `scan.json` as the command does without any option.
 fn plan(folder: &Path) -> Result<Plan, pipeline::Error> {
@@ -175,6 +162,21 @@ fn the_committed_scans_hold_their_floor() {
         shown.add(name, &folder, &truth(&folder.join("truth.json")), floor);
     }
     assert!(shown.below.is_empty(), "{:#?}", shown.below);
+}
+
+#[test]
+fn webs_that_cross_end_each_others_seams() {
+    let mut request = Request::new("cruciform".parse().expect("a part"), 11);
+    request.noise = "mid".parse().expect("a noise");
+    let scratch = tempfile::tempdir().expect("a folder");
+    write(&simulate(&request).expect("a scan"), scratch.path()).expect("a folder");
+    let truth = truth(&scratch.path().join("truth.json"));
+    let plan = plan(scratch.path()).unwrap_or_else(|error| panic!("{error}"));
+    let scored = score(&written(&plan), &truth, &Options::default());
+    println!("cruciform: {:?} mm, {:?} degrees, {}", scored.rmse_mm, scored.rmse_deg, scored.coverage);
+    // Eight along the foot and four upright; a seam that went on through a web would be 60 degrees off there.
+    assert_eq!(plan.seams.len(), 12);
+    assert!(scored.coverage > 0.97 && scored.rmse_deg.is_some_and(|deg| deg < 0.7));
 }
 
 #[test]

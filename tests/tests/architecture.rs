@@ -25,7 +25,7 @@ const CORE: &[(&str, &[&str])] = &[
 const HOST: &[(&str, &[&str])] = &[
     ("cloud", &[]),
     ("grid", &[]),
-    ("scan", &["cloud"]),
+    ("scan", &["cloud", "grid"]),
     ("normals", &["cloud", "grid"]),
     ("reconstruction", &["cloud", "grid", "normals"]),
     ("denoising", &["cloud", "grid"]),
@@ -33,6 +33,8 @@ const HOST: &[(&str, &[&str])] = &[
     ("orientation", &["grid", "downsampling"]),
     ("seam", &["cloud", "grid", "normals", "reconstruction", "downsampling"]),
     ("toolpath", &["cloud", "seam"]),
+    ("feasibility", &["cloud", "grid", "toolpath"]),
+    ("coverage", &["cloud", "grid", "seam"]),
     (
         "pipeline",
         &[
@@ -44,12 +46,13 @@ const HOST: &[(&str, &[&str])] = &[
             "denoising",
             "seam",
             "toolpath",
+            "coverage",
         ],
     ),
-    ("export", &["cloud", "seam", "toolpath", "pipeline"]),
-    ("job", &["toolpath", "pipeline", "export"]),
+    ("export", &["cloud", "seam", "toolpath", "feasibility", "coverage", "pipeline"]),
+    ("job", &["toolpath", "feasibility", "pipeline", "export"]),
     ("selection", &["toolpath", "job"]),
-    ("postprocessing", &["toolpath", "pipeline", "export", "job", "selection"]),
+    ("postprocessing", &["toolpath", "feasibility", "pipeline", "export", "job", "selection"]),
     ("evaluation", &[]),
     (
         "report",
@@ -60,6 +63,27 @@ const HOST: &[(&str, &[&str])] = &[
     ("link", &["serial", "toolpath"]),
     ("emulator", &["serial"]),
     ("teleop", &["link", "simulation"]),
+    (
+        "comparison",
+        &[
+            "cloud",
+            "scan",
+            "normals",
+            "reconstruction",
+            "denoising",
+            "downsampling",
+            "seam",
+            "toolpath",
+            "pipeline",
+            "export",
+            "job",
+            "selection",
+            "postprocessing",
+            "evaluation",
+            "simulation",
+            "teleop",
+        ],
+    ),
 ];
 
 /// Names that say nothing about what is in a module.

@@ -1,15 +1,16 @@
 //! What the firmware cannot do: allocate, and panic inside core. Each proof with a control that must fail.
 
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::Command;
 use std::{env, fs};
 
+use weldpath_tests::command::{Ended, end_of};
 use weldpath_tests::qemu::firmware;
 
-fn link_proof(features: &str) -> Output {
+fn link_proof(features: &str) -> Ended {
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/../firmware/build.sh");
     let arguments = ["build", "--release", "--bin", "no_panic", "--features", features];
-    Command::new(script).args(arguments).output().expect("runs")
+    end_of(Command::new(script).args(arguments))
 }
 
 /// Whether a program contains the hooks of Rust's allocator.
@@ -26,10 +27,10 @@ fn no_panic_is_reachable_from_what_the_pendant_runs_of_core() {
         return;
     }
     let proof = link_proof("proof");
-    assert!(proof.status.success(), "{}", String::from_utf8_lossy(&proof.stderr));
+    assert_eq!(proof.code, Some(0), "{}", proof.said);
     let control = link_proof("negative-control");
-    let said = String::from_utf8_lossy(&control.stderr).into_owned();
-    assert!(!control.status.success() && said.contains("undefined symbol: core_can_panic"), "{said}");
+    let lacks_panic = control.said.contains("undefined symbol: core_can_panic");
+    assert!(control.code != Some(0) && lacks_panic, "{}", control.said);
 }
 
 #[test]

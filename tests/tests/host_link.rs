@@ -1,10 +1,10 @@
 //! The command against a pendant: loading, holding and resuming under damage, a host that dies, refusals, and scanning.
 
+use std::fs::File;
 use std::io::{Read, Write};
 use std::path::Path;
-use std::process::{Child, Output, Stdio};
+use std::process::{Command, Stdio};
 use std::thread;
-use std::time::Duration;
 
 use nalgebra::{Point3, UnitQuaternion};
 use weldpath::export::json;
@@ -18,9 +18,10 @@ use weldpath_core::wire::frame::{self, Received};
 use weldpath_core::wire::{
     self, FromHost, FromPendant, HelloRefusal, HelloRefused, HostDeframer, HostMessage, PendantMessage,
 };
-use weldpath_tests::command::weldpath;
+use weldpath_tests::command::{Running, ends_well, weldpath};
 use weldpath_tests::in_process::InProcess;
 use weldpath_tests::shared_data;
+use weldpath_tests::world::RING;
 
 /// A seam of 60 mm in steps of 1 mm, welded at 20 mm/s, with its approach and a long way home through the air.
 fn program() -> Vec<Waypoint> {
@@ -38,18 +39,16 @@ fn program() -> Vec<Waypoint> {
     program
 }
 
-fn stream(pendant: &InProcess, folder: &Path) -> Child {
+/// `weldpath stream` of [`program`], with more arguments.
+fn command(pendant: &InProcess, folder: &Path, more: &[&str]) -> Command {
     std::fs::write(folder.join("path.json"), json::write(&program())).unwrap();
-    let arguments = ["stream", "--port", &pendant.port, "--back-mm", "2"];
-    weldpath().args(arguments).arg(folder).stdin(Stdio::piped()).spawn().unwrap()
+    let mut command = weldpath();
+    command.args(["stream", "--port", &pendant.port]).args(more).arg(folder);
+    command
 }
 
-fn press(child: &mut Child, key: &[u8]) {
-    child.stdin.as_mut().unwrap().write_all(key).unwrap();
-}
-
-fn text(output: &Output) -> String {
-    format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr))
+fn stream(pendant: &InProcess, folder: &Path) -> Running {
+    Running::start(&mut command(pendant, folder, &["--back-mm", "2"]))
 }
 
 /// Ready, then gripped: running.
@@ -58,36 +57,175 @@ fn grip(pendant: &InProcess) {
     pendant.enable(true);
 }
 
+/// Asserts a good end and gives what was said.
+fn ended_well(host: Running) -> String {
+    let ended = host.end();
+    assert_eq!(ended.code, Some(0), "{}", ended.said);
+    assert!(ended.said.contains("finished"), "{}", ended.said);
+    ended.said
+}
+
 #[test]
 fn a_program_is_loaded_held_resumed_and_finished_over_a_pty_that_damages_bytes() {
     let (pendant, folder) = (InProcess::on_pty(1e-3).unwrap(), tempfile::tempdir().unwrap());
     let mut host = stream(&pendant, folder.path());
     grip(&pendant);
     pendant.wait_for("the weld", |seen| seen.arc && seen.segment >= 20);
-    press(&mut host, b"h");
+    host.press(b"h");
     let held = pendant.wait_for("the hold", |seen| seen.state == State::Held);
     assert!(!held.arc);
-    // The host has to have heard of it too.
-    thread::sleep(Duration::from_millis(300));
-    press(&mut host, b"r");
+    host.wait_for(&["hold was asked for; r resumes"]);
+    host.press(b"r");
     pendant.wait_for("the arc again", |seen| seen.arc && seen.segment + 3 >= held.segment);
-    let output = host.wait_with_output().unwrap();
-    let said = text(&output);
-    assert_eq!(output.status.code(), Some(0), "{said}");
-    for part in ["loaded 6", "hold was asked for", "finished"] {
-        assert!(said.contains(part), "{part}: {said}");
-    }
+    assert!(ended_well(host).contains("loaded 6"));
     assert!(pendant.seen().segment >= 62, "the way home is a part of it");
+}
+
+#[test]
+fn without_the_arc_the_whole_program_is_moved_and_no_arc_ever_struck() {
+    let (pendant, folder) = (InProcess::on_socket().unwrap(), tempfile::tempdir().unwrap());
+    let host = Running::start(&mut command(&pendant, folder.path(), &["--no-arc"]));
+    grip(&pendant);
+    ended_well(host);
+    let seen = pendant.seen();
+    assert!(seen.segment >= 62 && seen.arc_on_tick == 0 && !seen.arc, "{seen:?}");
+}
+
+#[test]
+fn a_program_longer_than_the_ring_is_streamed_and_moved_to_its_end() {
+    let (pendant, folder) = (InProcess::on_socket().unwrap(), tempfile::tempdir().unwrap());
+    let count = 2 * RING + 100;
+    let line: Vec<Waypoint> = (0..count)
+        .map(|k| Waypoint {
+            position_mm: Point3::new(300.0 + 0.5 * k as f64, 0.0, 100.0),
+            base_from_torch: UnitQuaternion::identity(),
+            feed_mm_s: 200.0,
+            weld: true,
+            seam: Some(1),
+            kind: Kind::Weld,
+        })
+        .collect();
+    let file = folder.path().join("long.json");
+    std::fs::write(&file, json::write(&line)).unwrap();
+    let host = Running::start(weldpath().args(["stream", "--port", &pendant.port]).arg(&file));
+    pendant.wait_for("half a ring", |seen| seen.state == State::Loading);
+    pendant.enable(true);
+    let said = ended_well(host);
+    assert!(said.contains(&format!("streaming {count} waypoints")), "{said}");
+    assert_eq!(pendant.seen().segment as usize, count - 2, "the last segment");
+}
+
+#[test]
+fn a_pendant_behind_a_tcp_port_is_one_like_any_other() {
+    let (pendant, folder) = (InProcess::on_tcp().unwrap(), tempfile::tempdir().unwrap());
+    assert!(pendant.port.starts_with("127.0.0.1:"));
+    let host = stream(&pendant, folder.path());
+    grip(&pendant);
+    pendant.wait_for("the arc", |seen| seen.arc);
+    ended_well(host);
+}
+
+/// What `stty` says of a terminal's settings.
+fn settings(terminal: &str) -> String {
+    let said = Command::new("stty").args(["-g", "-F", terminal]).output().expect("coreutils' stty");
+    assert!(said.status.success(), "{said:?}");
+    String::from_utf8(said.stdout).unwrap()
+}
+
+#[test]
+fn at_a_terminal_single_keys_start_hold_resume_and_stop_and_it_is_given_back_as_it_was() {
+    let (pendant, folder) = (InProcess::on_socket().unwrap(), tempfile::tempdir().unwrap());
+    let (mut keyboard, terminal) = serialport::TTYPort::pair().unwrap();
+    let name = serialport::SerialPort::name(&terminal).unwrap();
+    let cooked = Command::new("stty").args(["-F", &name, "sane"]).status().unwrap();
+    assert!(cooked.success());
+    let before = settings(&name);
+    let keys = File::options().read(true).write(true).open(&name).unwrap();
+    let mut host = Running::with_keys_from(&mut command(&pendant, folder.path(), &[]), Stdio::from(keys));
+    host.wait_for(&["waiting for the enabling switch"]);
+    assert_ne!(settings(&name), before, "keys come at once and unseen");
+    pendant.enable(true);
+    // A terminal means an operator: nothing moves before Enter.
+    host.wait_for(&["Enter starts"]);
+    assert_eq!(pendant.seen().state, State::Ready);
+    keyboard.write_all(b"\r").unwrap();
+    pendant.wait_for("the weld", |seen| seen.arc && seen.segment >= 5);
+    for hold in [b"h", b" "] {
+        keyboard.write_all(hold).unwrap();
+        pendant.wait_for("the hold", |seen| seen.state == State::Held);
+        host.wait_for(&["hold was asked for; r resumes"]);
+        keyboard.write_all(b"r").unwrap();
+        pendant.wait_for("the arc again", |seen| seen.arc);
+    }
+    const CTRL_C: u8 = 3;
+    keyboard.write_all(&[CTRL_C]).unwrap();
+    let ended = host.end();
+    assert_eq!(ended.code, Some(7), "{}", ended.said);
+    assert!(ended.said.contains("stop was asked for"), "{}", ended.said);
+    assert_eq!(settings(&name), before);
+}
+
+#[test]
+fn the_exit_code_says_what_became_of_a_stream() {
+    let (pendant, folder) = (InProcess::on_socket().unwrap(), tempfile::tempdir().unwrap());
+    let ends = |arguments: &[&str], code: i32, part: &str| {
+        let ended = Running::start(weldpath().arg("stream").args(arguments)).end();
+        assert_eq!(ended.code, Some(code), "{arguments:?}: {}", ended.said);
+        assert!(ended.said.contains(part), "{arguments:?}: {}", ended.said);
+    };
+    let file = |name: &str, text: &str| {
+        let path = folder.path().join(name);
+        std::fs::write(&path, text).unwrap();
+        path.to_str().unwrap().to_string()
+    };
+    let far = |feed_mm_s, x| {
+        let at = |y| Waypoint {
+            position_mm: Point3::new(x, y, 0.0),
+            base_from_torch: UnitQuaternion::identity(),
+            feed_mm_s,
+            weld: false,
+            seam: None,
+            kind: Kind::Air,
+        };
+        json::write(&[at(0.0), at(10.0)])
+    };
+    let (port, good) = (pendant.port.as_str(), file("good.json", &json::write(&program())));
+    ends(&["--port", port, "--back-mm=-1", &good], 2, "--back-mm");
+    ends(&["--port", port], 2, "path.json");
+    ends(&["--port", port, "no/such/folder"], 4, "no/such/folder");
+    ends(&["--port", port, &file("broken.json", "{\"waypoints\":")], 4, "broken.json");
+    ends(&["--port", "unix:/no/such/socket", &good], 6, "/no/such/socket");
+    ends(&["--port", port, &file("far.json", &far(50.0, 9e6))], 7, "reach");
+    ends(&["--port", port, &file("fast.json", &far(9e4, 400.0))], 7, "mm/s");
+    let mut early = stream(&pendant, folder.path());
+    pendant.wait_for("the load", |seen| seen.state == State::Ready);
+    early.press(b"s");
+    let ended = early.end();
+    assert_eq!(ended.code, Some(7), "{}", ended.said);
+    assert!(ended.said.contains("nothing moved"), "{}", ended.said);
+}
+
+#[test]
+fn a_hold_that_nobody_is_left_to_end_ends_the_command() {
+    let (pendant, folder) = (InProcess::on_socket().unwrap(), tempfile::tempdir().unwrap());
+    let mut host = stream(&pendant, folder.path());
+    grip(&pendant);
+    pendant.wait_for("the weld", |seen| seen.arc);
+    host.close_keys();
+    pendant.enable(false);
+    let ended = host.end();
+    assert_eq!(ended.code, Some(7), "{}", ended.said);
+    assert!(ended.said.contains("the enabling switch was let go"), "{}", ended.said);
+    assert!(!pendant.seen().arc);
 }
 
 #[test]
 fn a_host_that_is_killed_leaves_the_arc_off_within_the_silence_limit_and_the_torch_held() {
     let (pendant, folder) = (InProcess::on_socket().unwrap(), tempfile::tempdir().unwrap());
-    let mut host = stream(&pendant, folder.path());
+    let host = stream(&pendant, folder.path());
     grip(&pendant);
     pendant.wait_for("the weld", |seen| seen.arc && seen.segment >= 10);
-    host.kill().unwrap();
-    host.wait().unwrap();
+    host.kill();
     let held = pendant.wait_for("the hold", |seen| seen.state == State::Held);
     let silent = held.arc_off_tick - held.heard_tick;
     assert!((1..=101).contains(&silent), "200 ms and a tick of 2 ms: {held:?}");
@@ -99,10 +237,10 @@ fn stop_ends_the_weld_for_good_and_says_so_by_its_exit_code() {
     let mut host = stream(&pendant, folder.path());
     grip(&pendant);
     pendant.wait_for("the weld", |seen| seen.arc);
-    press(&mut host, b"s");
-    let output = host.wait_with_output().unwrap();
-    assert_eq!(output.status.code(), Some(7), "{}", text(&output));
-    assert!(text(&output).contains("stop was asked for"), "{}", text(&output));
+    host.press(b"s");
+    let ended = host.end();
+    assert_eq!(ended.code, Some(7), "{}", ended.said);
+    assert!(ended.said.contains("stop was asked for"), "{}", ended.said);
     assert!(!pendant.wait_for("the abort", |seen| seen.state == State::Idle).arc);
 }
 
@@ -111,12 +249,11 @@ fn a_second_host_is_refused_and_the_first_goes_on() {
     let (pendant, folder) = (InProcess::on_socket().unwrap(), tempfile::tempdir().unwrap());
     let first = stream(&pendant, folder.path());
     pendant.wait_for("the load", |seen| seen.state == State::Ready);
-    let second = stream(&pendant, folder.path()).wait_with_output().unwrap();
-    assert_eq!(second.status.code(), Some(6));
-    assert!(text(&second).contains("busy"), "{}", text(&second));
+    let second = stream(&pendant, folder.path()).end();
+    assert_eq!(second.code, Some(6));
+    assert!(second.said.contains("busy"), "{}", second.said);
     pendant.enable(true);
-    let first = first.wait_with_output().unwrap();
-    assert_eq!(first.status.code(), Some(0), "{}", text(&first));
+    ended_well(first);
 }
 
 /// A pendant of another version.
@@ -156,11 +293,10 @@ fn another_version_is_refused_with_both_numbers_and_a_silent_line_after_two_seco
 #[test]
 fn monitor_listens_and_leaves_the_pendant_as_it_is() {
     let pendant = InProcess::on_socket().unwrap();
-    let output =
-        weldpath().args(["monitor", "--port", &pendant.port, "--count", "3", "--json"]).output().unwrap();
-    assert_eq!(output.status.code(), Some(0), "{}", text(&output));
+    let arguments = ["monitor", "--port", &pendant.port, "--count", "3", "--json"];
+    let said = ends_well(weldpath().args(arguments));
     let reports: Vec<serde_json::Value> =
-        text(&output).lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+        said.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     assert_eq!(reports.len(), 3);
     assert!(reports.iter().all(|report| report["state"] == "Disabled"));
     assert_eq!(pendant.seen().heard_tick, 0, "it said nothing");

@@ -28,6 +28,7 @@ fn waypoint(index: i32) -> Waypoint {
     Waypoint { pose: WirePose { position_um, ..WirePose::IDENTITY }, feed_um_s: 10_000, weld: index % 2 == 1 }
 }
 
+/// Spelled out, for golden bytes do not follow a default.
 fn limits() -> Limits {
     Limits {
         ring: 512,

@@ -1,8 +1,9 @@
 //! The real firmware on an emulated serial line: a path under noise, a host that dies, resets, strangers, and answers.
 
 use std::io;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
+use weldpath::teleop::Twin;
 use weldpath_core::interlock::{Cause, State};
 use weldpath_core::pendant::set_point;
 use weldpath_core::sender::Notice;
@@ -11,7 +12,7 @@ use weldpath_core::wire::{
     Patch, Q15_ONE, Sample, Telemetry, Waypoint, WirePose, frame,
 };
 use weldpath_tests::adversary::Random;
-use weldpath_tests::qemu::{Client, Machine, Panel, Seen, Twin, Wire, firmware};
+use weldpath_tests::qemu::{Client, Inputs, Machine, PATIENCE, Panel, Seen, Wire, firmware};
 
 fn connected(wire: Wire, damage: f64) -> Option<(Machine, Panel, Client)> {
     let program = firmware("weldpath-firmware")?;
@@ -22,13 +23,18 @@ fn connected(wire: Wire, damage: f64) -> Option<(Machine, Panel, Client)> {
     Some((machine, panel, client))
 }
 
-/// Acknowledges the emergency stop that a firmware sees before its panel has spoken, with the reset button.
-fn acknowledge(client: &mut Client, panel: &mut Panel, enable: bool) -> io::Result<()> {
-    while client.wait_for_state(|_| true)?.fault.is_some() {
-        for pressed in [true, false] {
-            panel.set_inputs(false, enable, pressed)?;
-            client.run_for(Duration::from_millis(60), true)?;
+const RELEASED: Inputs = Inputs { e_stop: false, enable: false, reset: false };
+const GRIPPED: Inputs = Inputs { enable: true, ..RELEASED };
+
+/// Presses the reset button until there is no fault: on a busy machine the panel may be heard too late, which is a stop.
+fn acknowledge(client: &mut Client, panel: &Panel, others: Inputs) -> io::Result<()> {
+    let begin = Instant::now();
+    while let Some(fault) = client.wait_for_state(|_| true)?.fault {
+        if begin.elapsed() > PATIENCE {
+            return Err(io::Error::other(format!("{fault:?} stays, whatever is pressed")));
         }
+        panel.reset(others)?;
+        client.run_for(Duration::from_millis(60), true)?;
     }
     Ok(())
 }
@@ -60,10 +66,10 @@ fn begin(path: u16, waypoints: &[Waypoint]) -> Begin {
 }
 
 /// Loads the path, grips the enabling switch, arms and starts.
-fn start(client: &mut Client, panel: &mut Panel, path: &[Waypoint]) -> io::Result<()> {
-    acknowledge(client, panel, false)?;
+fn start(client: &mut Client, panel: &Panel, path: &[Waypoint]) -> io::Result<()> {
+    acknowledge(client, panel, RELEASED)?;
     client.load(begin(7, path), path)?;
-    panel.set_inputs(false, true, false)?;
+    panel.set(GRIPPED)?;
     client.wait_for_state(|state| state.pins & 0b110 == 0b110)?;
     assert_eq!(client.ask(Command::Subscribe { every: 5 })?, Answer::Done);
     assert_eq!(client.ask(Command::ArcArm { armed: true })?, Answer::Done);
@@ -82,9 +88,9 @@ fn assert_on_path(samples: &[Sample], path: &[Waypoint]) {
 
 #[test]
 fn a_path_under_noise_is_loaded_started_held_resumed_and_finished_as_planned() {
-    let Some((_machine, mut panel, mut client)) = connected(Wire::Pty, 1e-3) else { return };
+    let Some((_machine, panel, mut client)) = connected(Wire::Pty, 1e-3) else { return };
     let path = curve(100);
-    start(&mut client, &mut panel, &path).unwrap();
+    start(&mut client, &panel, &path).unwrap();
     client.wait_for_state(|state| state.segment >= 20).unwrap();
     panel.wait_for(|seen| matches!(seen, Seen::Outputs { arc: true, motion: true, .. })).unwrap();
     assert_eq!(client.ask(Command::Hold).unwrap(), Answer::Done);
@@ -92,7 +98,9 @@ fn a_path_under_noise_is_loaded_started_held_resumed_and_finished_as_planned() {
     assert_eq!((held.cause, held.speed_um_s), (Some(Cause::Hold), 0));
     panel.wait_for(|seen| matches!(seen, Seen::Outputs { arc: false, motion: false, .. })).unwrap();
     resume(&mut client, &held, 3_000);
+    let resumed = Instant::now();
     loop {
+        assert!(resumed.elapsed() < PATIENCE, "{:?}", client.telemetry);
         let state =
             client.wait_for_state(|state| state.finished == Some(7) || state.state == State::Held).unwrap();
         if state.finished == Some(7) {
@@ -121,12 +129,14 @@ fn resume(client: &mut Client, held: &Telemetry, back_um: u32) {
 
 #[test]
 fn a_host_that_dies_mid_path_leaves_the_arc_off_within_200_ms_and_a_tick() {
-    let Some((_machine, mut panel, mut client)) = connected(Wire::Socket, 0.0) else { return };
-    start(&mut client, &mut panel, &curve(200)).unwrap();
+    let Some((_machine, panel, mut client)) = connected(Wire::Socket, 0.0) else { return };
+    start(&mut client, &panel, &curve(200)).unwrap();
     let before = client.wait_for_state(|state| state.segment >= 20).unwrap();
     panel.wait_for(|seen| matches!(seen, Seen::Outputs { arc: true, motion: true, .. })).unwrap();
     // From here on the host only listens. What it sent last was heard at the latest when the next state was told.
+    let silent = Instant::now();
     let heard_by = loop {
+        assert!(silent.elapsed() < PATIENCE, "no state after tick {}", before.tick);
         client.run_for(Duration::from_millis(5), false).unwrap();
         let now: Telemetry = client.telemetry.unwrap();
         if now.tick > before.tick {
@@ -147,19 +157,19 @@ fn a_host_that_dies_mid_path_leaves_the_arc_off_within_200_ms_and_a_tick() {
 
 #[test]
 fn after_a_reset_mid_path_nothing_moves_until_a_new_session() {
-    let Some((mut machine, mut panel, mut client)) = connected(Wire::Socket, 0.0) else { return };
-    start(&mut client, &mut panel, &curve(200)).unwrap();
+    let Some((mut machine, panel, mut client)) = connected(Wire::Socket, 0.0) else { return };
+    start(&mut client, &panel, &curve(200)).unwrap();
     client.wait_for_state(|state| state.segment >= 20).unwrap();
     panel.wait_for(|seen| matches!(seen, Seen::Outputs { arc: true, motion: true, .. })).unwrap();
     machine.tell("system_reset").unwrap();
     panel.wait_for(|seen| *seen == Seen::AllOff).unwrap();
-    panel.set_inputs(false, true, false).unwrap();
+    panel.set(GRIPPED).unwrap();
     client
         .wait_for("the loss", |_, notice| matches!(notice, Notice::SessionLost { .. }).then_some(()))
         .unwrap();
     client.run_for(Duration::from_millis(300), true).unwrap();
     let boot = client.connect(0x5678).unwrap();
-    acknowledge(&mut client, &mut panel, true).unwrap();
+    acknowledge(&mut client, &panel, GRIPPED).unwrap();
     let state = client.wait_for_state(|state| state.load.is_none()).unwrap();
     assert!(matches!(state.state, State::Disabled | State::Idle), "{state:?}");
     assert_ne!(boot, 0);
@@ -191,7 +201,15 @@ fn assert_agree(client: &mut Client, commands: impl Iterator<Item = Command>) ->
     let mut twin = Twin::default();
     let mut count = 0;
     for command in commands {
-        let expected = twin.answer(&command).expect("a computation");
+        let expected = match &command {
+            Command::SetJog(jog) => {
+                twin = Twin::new(jog);
+                Answer::Done
+            }
+            Command::HandFrame(hands) => twin.answer(hands),
+            Command::Score(patch) => twin.score(patch),
+            other => unreachable!("{other:?} is no computation"),
+        };
         assert_eq!(client.ask(command).unwrap(), expected);
         count += 1;
     }
@@ -228,7 +246,7 @@ fn gestures_make_the_same_camera_poses_on_pendant_and_host() {
 
 #[test]
 fn edge_scores_are_the_same_on_pendant_and_host() {
-    let Some((_machine, mut panel, mut client)) = connected(Wire::Socket, 0.0) else { return };
+    let Some((_machine, panel, mut client)) = connected(Wire::Socket, 0.0) else { return };
     let mut random = Random::new(5);
     let patches = (0..40).map(|k| {
         let bend = f64::from(k % 4) * 0.5;

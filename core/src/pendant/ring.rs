@@ -391,20 +391,7 @@ mod tests {
     extern crate std;
 
     use super::*;
-
-    const DYNAMICS: Dynamics = Dynamics { accel_um_s2: 500_000.0, corner_um_s: 5_000.0 };
-    const LIMITS: Limits = Limits {
-        ring: 64,
-        reach_um: 1_000_000,
-        max_step_um: 10_000,
-        min_half_turn_cos_q15: 30_000,
-        min_step_um: 50,
-        max_feed_um_s: 250_000,
-        manual_feed_um_s: 250_000,
-        accel_um_s2: 500_000,
-        tick_us: 2_000,
-        silence_ms: 200,
-    };
+    use crate::pendant::Config;
 
     fn chunk(first: u32, place: impl Fn(u32) -> [i32; 3]) -> Chunk {
         let waypoints = (first..first + 4).map(|index| Waypoint {
@@ -417,6 +404,8 @@ mod tests {
 
     /// A ring with so many chunks of a path, planned after each of them.
     fn planned(chunks: u32, place: impl Fn(u32) -> [i32; 3]) -> Ring<64, [Slot; 64]> {
+        let config = Config::default();
+        let (limits, dynamics) = (config.limits(64), config.dynamics());
         let mut ring = Ring::new([Slot::EMPTY; 64]);
         ring.open(&Begin {
             path: 1,
@@ -429,8 +418,8 @@ mod tests {
         });
         for number in 0..chunks {
             let known = ring.next();
-            assert_eq!(ring.place(&chunk(4 * number, &place), &LIMITS), Ok(Placed::New));
-            ring.replan(known, 0, &DYNAMICS);
+            assert_eq!(ring.place(&chunk(4 * number, &place), &limits), Ok(Placed::New));
+            ring.replan(known, 0, &dynamics);
         }
         ring
     }

@@ -13,19 +13,29 @@ pub const MIN_SHARE: f32 = 0.1;
 ///
 /// `neighbours` yields the offset of each neighbour, mm, and its intensity less that of the point.
 pub fn gradient(neighbours: impl IntoIterator<Item = (Vector, f32)>) -> Vector {
-    let mut largest = Vector::zeros();
+    let mut steepest = Steepest::default();
     for (offset_mm, difference) in neighbours {
-        let distance_mm = math::norm(&offset_mm);
+        steepest.add(&offset_mm, math::norm(&offset_mm), difference);
+    }
+    steepest.0
+}
+
+/// The components largest by magnitude so far.
+#[derive(Default)]
+pub(super) struct Steepest(pub(super) Vector);
+
+impl Steepest {
+    /// A neighbour: its offset and the length of that, and its intensity less that of the point.
+    #[inline]
+    pub(super) fn add(&mut self, offset_mm: &Vector, distance_mm: f32, difference: f32) {
         let rise = difference * distance_mm;
-        for axis in 0..3 {
-            let delta_mm = offset_mm[axis];
+        for (largest, &delta_mm) in self.0.iter_mut().zip(offset_mm.iter()) {
             // `rise / delta` against the largest so far, without a division for the ones that lose.
-            if delta_mm.abs() >= MIN_SHARE * distance_mm && rise.abs() > (largest[axis] * delta_mm).abs() {
-                largest[axis] = rise / delta_mm;
+            if delta_mm.abs() >= MIN_SHARE * distance_mm && rise.abs() > (*largest * delta_mm).abs() {
+                *largest = rise / delta_mm;
             }
         }
     }
-    largest
 }
 
 #[cfg(test)]

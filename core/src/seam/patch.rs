@@ -1,6 +1,9 @@
 //! A few points with their neighbour lists: the edge scores where no spatial index fits.
 
-use super::{Ball, Neighbourhood, RatioThreshold, Tensor, gradient, intensity::asymmetry_of};
+use super::gradient::Steepest;
+use super::intensity::asymmetry_of;
+use super::tensor::Spread;
+use super::{Ball, Neighbourhood, RatioThreshold, Tensor};
 use crate::{Point, Vector, math};
 use heapless::Vec;
 
@@ -11,6 +14,8 @@ pub struct Patch<const P: usize, const K: usize> {
     neighbours: Vec<Neighbourhood<K>, P>,
     intensity: Vec<f32, P>,
     gradient: Vec<Vector, P>,
+    /// Of eq. (17), per mm².
+    falloff: Vec<f32, P>,
 }
 
 /// What a point's neighbourhood says about an edge there.
@@ -27,7 +32,13 @@ pub struct EdgeScore {
 impl<const P: usize, const K: usize> Patch<P, K> {
     /// A patch without points.
     pub const fn empty() -> Self {
-        Self { points: Vec::new(), neighbours: Vec::new(), intensity: Vec::new(), gradient: Vec::new() }
+        Self {
+            points: Vec::new(),
+            neighbours: Vec::new(),
+            intensity: Vec::new(),
+            gradient: Vec::new(),
+            falloff: Vec::new(),
+        }
     }
 
     /// Finds the neighbours of every point by brute force. `None` for more than `P` points, or for fewer than two.
@@ -60,28 +71,40 @@ impl<const P: usize, const K: usize> Patch<P, K> {
         self.neighbours.clear();
         self.intensity.clear();
         self.gradient.clear();
+        self.falloff.clear();
     }
 
-    /// Intensities of all points, then gradients, which need their neighbours' intensities.
+    /// Intensities of all points, then gradients, which need their neighbours' intensities, and the Gaussians' widths.
     fn measure(&mut self) {
         for (point, near) in self.points.iter().zip(&self.neighbours) {
             let value = math::norm(&asymmetry_of(near.offsets_mm(&self.points, point), near.radius_mm));
             let _ = self.intensity.push(value);
         }
         for ((point, near), &own) in self.points.iter().zip(&self.neighbours).zip(&self.intensity) {
-            let neighbours = near.indices.iter().filter_map(|&k| {
-                let k = usize::from(k);
-                Some((self.points.get(k)? - point, self.intensity.get(k)? - own))
-            });
-            let _ = self.gradient.push(gradient(neighbours));
+            // One square root of each distance serves both.
+            let (mut steepest, mut spread) = (Steepest::default(), Spread::default());
+            for (k, distance_mm2) in near.by_distance() {
+                let (Some(other), Some(&theirs)) = (self.points.get(k), self.intensity.get(k)) else {
+                    continue;
+                };
+                let distance_mm = math::sqrt(distance_mm2);
+                spread.add(distance_mm, distance_mm2);
+                steepest.add(&(other - point), distance_mm, theirs - own);
+            }
+            let _ = self.gradient.push(steepest.0);
+            let _ = self.falloff.push(spread.falloff_per_mm2());
         }
     }
 
     /// Score of one point; `None` for an index out of range.
     pub fn score(&self, index: usize, threshold: RatioThreshold) -> Option<EdgeScore> {
         let (near, own) = (self.neighbours.get(index)?, self.gradient.get(index)?);
-        let neighbours = near.by_distance().filter_map(|(k, d2)| Some((d2, self.gradient.get(k)?)));
-        let tensor = Tensor::smoothed(own, neighbours);
+        let per_mm2 = *self.falloff.get(index)?;
+        let mut tensor = Tensor::outer(own);
+        for (k, distance_mm2) in near.by_distance() {
+            let Some(gradient) = self.gradient.get(k) else { continue };
+            tensor.add(distance_mm2 * per_mm2, gradient);
+        }
         Some(EdgeScore {
             intensity: *self.intensity.get(index)?,
             ratio: tensor.ratio(),

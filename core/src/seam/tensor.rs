@@ -30,6 +30,11 @@ impl RatioThreshold {
 pub struct Tensor([f32; 6]);
 
 impl Tensor {
+    /// From its components in the order xx xy xz yy yz zz.
+    pub const fn new(components: [f32; 6]) -> Self {
+        Self(components)
+    }
+
     /// Outer product of a gradient with itself: the quadratic form of eq. (14), the matrix of eq. (15).
     pub fn outer(g: &Vector) -> Self {
         Self([g.x * g.x, g.x * g.y, g.x * g.z, g.y * g.y, g.y * g.z, g.z * g.z])
@@ -42,16 +47,18 @@ impl Tensor {
     where
         I: IntoIterator<Item = (f32, &'a Vector)> + Clone,
     {
-        let per_mm2 = falloff_per_mm2(neighbours.clone().into_iter().map(|(d2, _)| d2));
+        let mut spread = Spread::default();
+        neighbours.clone().into_iter().for_each(|(d2, _)| spread.add(math::sqrt(d2), d2));
+        let per_mm2 = spread.falloff_per_mm2();
         let mut sum = Self::outer(own);
-        for (distance_mm2, gradient) in neighbours {
-            sum.add(math::exp(-distance_mm2 * per_mm2), gradient);
-        }
+        neighbours.into_iter().for_each(|(d2, gradient)| sum.add(d2 * per_mm2, gradient));
         sum
     }
 
+    /// A neighbour with the weight `exp(-falloff)`.
     #[inline]
-    fn add(&mut self, weight: f32, g: &Vector) {
+    pub(super) fn add(&mut self, falloff: f32, g: &Vector) {
+        let weight = math::exp_of_negative(falloff);
         let (x, y, z) = (weight * g.x, weight * g.y, weight * g.z);
         let h = &mut self.0;
         h[0] += x * g.x;
@@ -86,17 +93,29 @@ impl Tensor {
     }
 }
 
-/// `1 / (2 σ²)` of the Gaussian, σ the standard deviation of the neighbours' distances; 0, hence weight 1, where they do not vary.
-fn falloff_per_mm2(distances_mm2: impl Iterator<Item = f32>) -> f32 {
-    let (mut count, mut sum, mut squares) = (0.0, 0.0, 0.0);
-    for d2 in distances_mm2 {
-        count += 1.0;
-        sum += math::sqrt(d2);
-        squares += d2;
+/// How the neighbours' distances vary.
+#[derive(Default)]
+pub(super) struct Spread {
+    count: f32,
+    sum_mm: f32,
+    squares_mm2: f32,
+}
+
+impl Spread {
+    #[inline]
+    pub(super) fn add(&mut self, distance_mm: f32, distance_mm2: f32) {
+        self.count += 1.0;
+        self.sum_mm += distance_mm;
+        self.squares_mm2 += distance_mm2;
     }
-    let mean = sum / f32::max(count, 1.0);
-    let variance = squares / f32::max(count, 1.0) - mean * mean;
-    if variance > 1e-6 * mean * mean { 0.5 / variance } else { 0.0 }
+
+    /// `1 / (2 σ²)` of the Gaussian, σ the distances' standard deviation; 0, hence weight 1, where they do not vary.
+    pub(super) fn falloff_per_mm2(&self) -> f32 {
+        let count = self.count.max(1.0);
+        let mean_mm = self.sum_mm / count;
+        let variance = self.squares_mm2 / count - mean_mm * mean_mm;
+        if variance > 1e-6 * mean_mm * mean_mm { 0.5 / variance } else { 0.0 }
+    }
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@ use core::mem::MaybeUninit;
 use core::ptr::{addr_of, addr_of_mut};
 use core::sync::atomic::{Ordering::SeqCst, compiler_fence};
 
-use cortex_m::peripheral::SCB;
+use cortex_m::peripheral::{MPU, SCB};
 use cortex_m::register::basepri;
 
 /// Why the controller started.
@@ -126,7 +126,30 @@ pub fn stack_used_bytes() -> u32 {
     (top as u32) - (untouched as u32)
 }
 
-// After a stack overflow there is no stack for a handler: give it a fresh one first.
+/// Below the stack: 1 MB, larger than any frame, so that none reaches past it.
+const GUARD_START: u32 = 0x1ff0_0000;
+const GUARD_SIZE_LOG2: u32 = 20;
+
+/// Makes a stack overflow a fault; first of all. That there is no RAM below the stack is not enough: QEMU's board takes
+/// writes to nowhere, and other chips have something there.
+pub fn guard_stack() {
+    const EXECUTE_NEVER: u32 = 1 << 28;
+    const REGION_ON: u32 = 1;
+    /// The rest of the memory as without the unit; off in fault handlers and the NMI.
+    const ON_WITH_DEFAULT_MAP: u32 = 0b101;
+    // SAFETY: single-threaded, before interrupts run; nothing below the stack is ever used. No access at all is 0.
+    unsafe {
+        let unit = &*MPU::PTR;
+        unit.rnr.write(0);
+        unit.rbar.write(GUARD_START);
+        unit.rasr.write(EXECUTE_NEVER | (GUARD_SIZE_LOG2 - 1) << 1 | REGION_ON);
+        unit.ctrl.write(ON_WITH_DEFAULT_MAP);
+    }
+    cortex_m::asm::dsb();
+    cortex_m::asm::isb();
+}
+
+// After a stack overflow there is no stack for a handler: these two, which do not return, get a fresh one first.
 global_asm!(
     ".section .HardFault.fresh_stack, \"ax\"",
     ".global HardFault",
@@ -135,13 +158,27 @@ global_asm!(
     "HardFault:",
     "ldr r0, =_stack_start",
     "mov sp, r0",
-    "b {handler}",
+    "b {fault}",
+    ".global NonMaskableInt",
+    ".type NonMaskableInt,%function",
+    ".thumb_func",
+    "NonMaskableInt:",
+    "ldr r0, =_stack_start",
+    "mov sp, r0",
+    "b {nmi}",
     ".ltorg",
-    handler = sym hard_fault,
+    fault = sym hard_fault,
+    nmi = sym non_maskable,
 );
 
 extern "C" fn hard_fault() -> ! {
     super::outputs_off();
     defmt::error!("fault");
     reset(ResetCause::Fault)
+}
+
+/// Where a board's watchdog raises it, before it resets; elsewhere a clock that failed.
+extern "C" fn non_maskable() -> ! {
+    super::outputs_off();
+    reset(super::NMI_CAUSE)
 }

@@ -124,6 +124,9 @@ pub fn outputs_off() {
     unsafe { (*pac::GPIOD::ptr()).bsrr().write(|w| w.bits(OUTPUT_PINS << 16)) };
 }
 
+/// What an NMI means here: the clock has failed.
+pub const NMI_CAUSE: ResetCause = ResetCause::Fault;
+
 /// Whether the watchdog caused this start; asking clears the flag.
 pub fn watchdog_fired() -> bool {
     // SAFETY: before `start` nobody owns the register; only the flag's clear bit is written.

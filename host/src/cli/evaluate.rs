@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use serde::Serialize;
+use weldpath::comparison;
 use weldpath::evaluation::{self, Error, F1, Options, PathSet, Score, Target, Truth, f1, score};
 use weldpath::export::directory::{self, File};
 use weldpath::job::Job;
@@ -20,10 +21,11 @@ const CELL_MM: f64 = 2.0;
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
     /// Folder that `weldpath plan` wrote, or a path.csv
-    dir: PathBuf,
+    #[arg(required_unless_present = "paper")]
+    dir: Option<PathBuf>,
     /// truth.json of a simulated scan, or a taught path as CSV
-    #[arg(long, value_name = "FILE")]
-    truth: PathBuf,
+    #[arg(long, value_name = "FILE", required_unless_present = "paper")]
+    truth: Option<PathBuf>,
     /// Which line of a groove the path should follow
     #[arg(long, default_value = "apex", value_parser = PossibleValuesParser::new(["apex", "root"]).map(target))]
     target: Target,
@@ -36,6 +38,18 @@ pub(super) struct Args {
     /// Show the deviation in DIR/report.html as well
     #[arg(long)]
     report: bool,
+    /// Make the paper's tables and figures instead, beside its numbers: DIR/paper.html
+    #[arg(long, conflicts_with_all = ["dir", "truth", "standoff_mm"])]
+    paper: bool,
+    /// Folder for the pages of --paper
+    #[arg(long, value_name = "DIR", default_value = "paper", requires = "paper")]
+    out: PathBuf,
+    /// Runs of each row of the run-time table of --paper
+    #[arg(long, value_name = "N", default_value_t = 20, requires = "paper", value_parser = clap::value_parser!(u16).range(1..=1000))]
+    runs: u16,
+    /// The repository's folder of fixtures
+    #[arg(long, value_name = "DIR", default_value = "fixtures", requires = "paper")]
+    fixtures: PathBuf,
 }
 
 fn target(name: String) -> Target {
@@ -61,18 +75,40 @@ struct Fitness {
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    let csv = if args.dir.is_dir() { args.dir.join("path.csv") } else { args.dir.clone() };
+    match (&args.dir, &args.truth) {
+        (Some(dir), Some(truth)) if !args.paper => against(args, dir, truth),
+        _ => paper(args),
+    }
+}
+
+/// The paper's section III.
+fn paper(args: &Args) -> Result<(), Failure> {
+    directory::check(&args.out).map_err(|error| Failure::new(Exit::Output, error))?;
+    let settings = comparison::Settings { fixtures: args.fixtures.clone(), runs: usize::from(args.runs) };
+    let begin = &mut |what: &str| eprintln!("{what} ...");
+    let measured = comparison::measure(&settings, begin).map_err(|error| {
+        Failure::new(Exit::Input, error)
+            .hint("run it in the repository, or name its fixtures with --fixtures")
+    })?;
+    let files = measured.files();
+    directory::write(&args.out, &files).map_err(|error| Failure::new(Exit::Output, error))?;
+    let page = files.iter().find(|file| file.name == if args.json { "paper.json" } else { "paper.md" });
+    print(&page.map_or_else(String::new, |file| String::from_utf8_lossy(&file.bytes).into_owned()))
+}
+
+fn against(args: &Args, dir: &Path, truth: &Path) -> Result<(), Failure> {
+    let csv = if dir.is_dir() { dir.join("path.csv") } else { dir.to_path_buf() };
     let paths = PathSet::read(&csv).map_err(not_read)?;
-    let truth = Truth::read(&args.truth).map_err(not_read)?;
-    let options = Options { target: args.target, standoff_mm: standoff_mm(args)?, ..Options::default() };
+    let truth = Truth::read(truth).map_err(not_read)?;
+    let options = Options { target: args.target, standoff_mm: standoff_mm(args, dir)?, ..Options::default() };
     let points: Vec<[f64; 3]> = paths.points_mm.iter().map(|&p| p.into()).collect();
     let evaluation = Evaluation {
         score: score(&paths, &truth, &options),
         f1: f1(&points, &truth.visible_mm(args.target), CELL_MM),
-        fitness: fitness(&args.dir),
+        fitness: fitness(dir),
     };
     if args.report {
-        add_to_report(&args.dir, &report::deviation(&paths, &truth, &options))?;
+        add_to_report(dir, &report::deviation(&paths, &truth, &options))?;
     }
     let json = || serde_json::to_string_pretty(&evaluation).map(|text| text + "\n").unwrap_or_default();
     print(&if args.json { json() } else { table(&evaluation) })
@@ -89,8 +125,8 @@ fn add_to_report(dir: &Path, deviation: &str) -> Result<(), Failure> {
     directory::write(dir, &[File::new(report::PAGE, page)]).map_err(|error| Failure::new(Exit::Output, error))
 }
 
-fn standoff_mm(args: &Args) -> Result<f64, Failure> {
-    let file = args.dir.join("job.toml");
+fn standoff_mm(args: &Args, dir: &Path) -> Result<f64, Failure> {
+    let file = dir.join("job.toml");
     match (args.standoff_mm, file.is_file()) {
         (Some(given), _) => Ok(given.get()),
         (None, true) => {

@@ -29,7 +29,7 @@ pub(super) struct Args {
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let (mut emulator, panel) = port::boot(args.elf.as_deref())?;
-    let lamps = panel.lamps();
+    let shown = panel.watch();
     let socket = emulator.folder().join("operator");
     let failed = |error: std::io::Error| Failure::new(Exit::Pendant, format!("the panel's socket: {error}"));
     serve(UnixListener::bind(&socket).map_err(failed)?, panel.clone());
@@ -47,7 +47,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
                     print(&format!("{said}\n"))?;
                 }
             }
-            None => match lamps.recv_timeout(Duration::from_millis(50)) {
+            None => match shown.recv_timeout(Duration::from_millis(50)) {
                 Ok(seen) => print(&format!("{seen}\n"))?,
                 Err(RecvTimeoutError::Timeout) if emulator.is_running() => {}
                 Err(_) => return Err(Failure::new(Exit::Pendant, "the emulator ended")),
@@ -68,8 +68,8 @@ fn serve(listener: UnixListener, panel: Panel) {
 
 fn attend(operator: UnixStream, panel: &Panel) {
     let Ok(mut screen) = operator.try_clone() else { return };
-    let (lamps, mut echo) = (panel.lamps(), operator.try_clone());
-    thread::spawn(move || lamps.into_iter().try_for_each(|seen| writeln!(screen, "{seen}")));
+    let (shown, mut echo) = (panel.watch(), operator.try_clone());
+    thread::spawn(move || shown.into_iter().try_for_each(|seen| writeln!(screen, "{seen}")));
     for key in BufReader::new(operator).bytes().map_while(Result::ok) {
         let (Ok(Some(said)), Ok(echo)) = (panel.key(key), &mut echo) else { continue };
         if writeln!(echo, "{said}").is_err() {

@@ -7,6 +7,7 @@ use weldpath::export::summary::Source;
 use weldpath::job::quantity::{
     ApproachMm, FeedMmS, Output, Place, Points, RatioThreshold, Region, SpacingMm, StandoffMm,
 };
+use weldpath::job::robot::{RobotSettings, TorchBodySettings};
 use weldpath::job::{Job, Method, Units};
 use weldpath::pipeline::{self, Observer, Plan};
 use weldpath::postprocessing::postprocess;
@@ -66,6 +67,15 @@ pub(super) struct Args {
     /// Digital output that starts the arc [default: 0]
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     arc_output: Option<Output>,
+    /// Check reach, joint limits and singularities of this arm: ur5e, kuka-kr10-r1420 ...; docs/feasibility.md lists them
+    #[arg(long, value_name = "NAME", value_parser = RobotSettings::named)]
+    robot_model: Option<RobotSettings>,
+    /// The robot's base in the scan's base frame: mm and a rotation vector in rad [default: the same]
+    #[arg(long, value_name = "X,Y,Z,RX,RY,RZ", allow_hyphen_values = true)]
+    robot_base: Option<String>,
+    /// Check a torch of these sizes for collisions, such as stickout_mm=15,nozzle_radius_mm=10,neck_deg=22
+    #[arg(long, value_name = "KEY=VALUE,...", value_parser = TorchBodySettings::from_pairs)]
+    torch: Option<TorchBodySettings>,
     /// Print nothing but errors
     #[arg(long, short)]
     quiet: bool,
@@ -129,6 +139,8 @@ fn job(args: &Args) -> Result<Job, Failure> {
     if args.spacing_mm.is_some() || args.points.is_some() {
         (job.path.spacing_mm, job.path.points) = (args.spacing_mm, args.points);
     }
+    job.torch_body = args.torch.or(job.torch_body);
+    place_robot(&mut job, args)?;
     job.input = Some(input(args, &job)?);
     if job.ratio_threshold.is_some() && job.method == Method::Weldpath {
         let failure = Failure::new(Exit::Usage, "--t is the threshold of the paper's method only");
@@ -137,6 +149,20 @@ fn job(args: &Args) -> Result<Job, Failure> {
         );
     }
     Ok(job)
+}
+
+/// The arm and its base from the command line; a named arm keeps the base of the job file.
+fn place_robot(job: &mut Job, args: &Args) -> Result<(), Failure> {
+    if let Some(named) = &args.robot_model {
+        let robot = job.robot.get_or_insert_with(Default::default);
+        (robot.model, robot.opw) = (named.model.clone(), None);
+    }
+    let Some(base) = &args.robot_base else { return Ok(()) };
+    let Some(robot) = &mut job.robot else {
+        return Err(Failure::new(Exit::Usage, "--robot-base places a robot, and none is given")
+            .hint("add --robot-model, or [robot] in a job file"));
+    };
+    robot.place(base).map_err(|why| Failure::new(Exit::Usage, format!("--robot-base: {why}")))
 }
 
 fn replace<T: Copy>(setting: &mut T, given: Option<T>) {

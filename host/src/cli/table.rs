@@ -109,6 +109,7 @@ mod tests {
             model: PointCloud::default(),
             seams: vec![seam],
             paths: vec![SeamPath { seam: 1, points }],
+            coverage: vec![],
             views: vec![],
             derived: vec![Derived { name: "voxel_mm", value: 0.8, how: "twice the mean spacing" }],
             stage_s: vec![],

@@ -3,6 +3,7 @@
 
 use std::fmt;
 use std::io::{self, BufReader, Read, Write};
+use std::iter::Peekable;
 use std::os::unix::net::UnixStream;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -17,13 +18,15 @@ const MANUAL: u8 = 1 << 4;
 /// How long the reset button is pressed.
 const PRESSED: Duration = Duration::from_millis(100);
 
-/// What the lamps show.
+/// What the panel shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Lamps {
-    /// Everything off: the first instruction, or a fatal error.
+pub enum Seen {
+    /// Everything off, sent by the first instruction or a fatal handler.
     AllOff,
-    /// The firmware started.
-    Boot,
+    /// The firmware started: 0 power, 1 panic, 2 fault, 3 watchdog.
+    Boot(u8),
+    /// Bytes of stack ever used.
+    Stack(u32),
     /// The outputs changed.
     Outputs {
         /// Arc power.
@@ -39,12 +42,18 @@ pub enum Lamps {
     },
 }
 
-impl fmt::Display for Lamps {
+impl fmt::Display for Seen {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let lamp = |on: bool| if on { "ON" } else { "off" };
         match *self {
             Self::AllOff => write!(f, "all outputs off"),
-            Self::Boot => write!(f, "firmware started"),
+            Self::Boot(0) => write!(f, "firmware started"),
+            Self::Boot(cause) => {
+                let after =
+                    ["a panic", "a fault", "a hang"].get(usize::from(cause) - 1).unwrap_or(&"a reset");
+                write!(f, "firmware started after {after}")
+            }
+            Self::Stack(bytes) => write!(f, "{bytes} bytes of stack used"),
             Self::Outputs { arc, gas, motion, wire, tick } => write!(
                 f,
                 "arc {} wire {} gas {} motion {} (tick {tick})",
@@ -57,11 +66,22 @@ impl fmt::Display for Lamps {
     }
 }
 
+/// The switches that an operator sets.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Inputs {
+    /// Emergency stop pressed.
+    pub e_stop: bool,
+    /// Enabling switch held.
+    pub enable: bool,
+    /// Reset button pressed.
+    pub reset: bool,
+}
+
 /// Switches and lamps.
 #[derive(Clone)]
 pub struct Panel {
     switches: Arc<Mutex<Switches>>,
-    watchers: Arc<Mutex<Vec<Sender<Lamps>>>>,
+    watchers: Arc<Mutex<Vec<Sender<Seen>>>>,
 }
 
 struct Switches {
@@ -72,6 +92,10 @@ struct Switches {
 impl Switches {
     fn set(&mut self, bit: u8, on: bool) -> io::Result<()> {
         self.inputs = if on { self.inputs | bit } else { self.inputs & !bit };
+        self.say()
+    }
+
+    fn say(&mut self) -> io::Result<()> {
         self.stream.write_all(&[0x40 | self.inputs])
     }
 }
@@ -88,25 +112,30 @@ impl Panel {
         switches.set(0, false)?;
         let panel = Self { switches: Arc::new(Mutex::new(switches)), watchers: Arc::default() };
         let watched = panel.clone();
-        thread::spawn(move || watched.watch(bytes));
+        thread::spawn(move || watched.follow(bytes));
         Ok(panel)
     }
 
-    /// The lamps from now on.
-    pub fn lamps(&self) -> Receiver<Lamps> {
-        let (watcher, lamps) = channel();
+    /// What it shows from now on.
+    pub fn watch(&self) -> Receiver<Seen> {
+        let (watcher, seen) = channel();
         lock(&self.watchers).push(watcher);
-        lamps
+        seen
     }
 
-    /// Presses or releases the emergency stop.
-    pub fn e_stop(&self, pressed: bool) -> io::Result<()> {
-        lock(&self.switches).set(E_STOP, pressed)
+    /// Sets the three switches.
+    pub fn set(&self, inputs: Inputs) -> io::Result<()> {
+        let mut switches = lock(&self.switches);
+        let Inputs { e_stop, enable, reset } = inputs;
+        for (bit, on) in [(E_STOP, e_stop), (ENABLE, enable), (RESET, reset)] {
+            switches.inputs = if on { switches.inputs | bit } else { switches.inputs & !bit };
+        }
+        switches.say()
     }
 
-    /// Grips or releases the enabling switch.
-    pub fn enable(&self, held: bool) -> io::Result<()> {
-        lock(&self.switches).set(ENABLE, held)
+    /// A byte for the firmware's own: `?` report the stack's use, `!` panic, `$` hang, `%` overflow the stack.
+    pub fn send(&self, byte: u8) -> io::Result<()> {
+        lock(&self.switches).stream.write_all(&[byte])
     }
 
     /// Presses the reset button and lets it go.
@@ -132,37 +161,47 @@ impl Panel {
         Ok(Some(format!("{name}: {}", words[usize::from(on)])))
     }
 
-    fn watch(&self, mut bytes: impl Iterator<Item = u8>) {
-        while let Some(lamps) = decode(&mut bytes) {
-            if let Lamps::Outputs { arc, .. } = lamps {
-                // The power source: its current follows the arc output. A panel that has gone needs none.
-                let _ = lock(&self.switches).set(ESTABLISHED, arc);
-            }
-            lock(&self.watchers).retain(|watcher| watcher.send(lamps).is_ok());
+    fn follow(&self, bytes: impl Iterator<Item = u8>) {
+        let mut bytes = bytes.peekable();
+        while let Some(seen) = decode(&mut bytes) {
+            // A panel whose firmware has gone needs no answer.
+            let _ = match seen {
+                // The power source: its current follows the arc output.
+                Seen::Outputs { arc, .. } => lock(&self.switches).set(ESTABLISHED, arc),
+                // Contacts are there when the firmware starts; these have to be told.
+                Seen::Boot(_) => lock(&self.switches).set(ESTABLISHED, false),
+                Seen::AllOff | Seen::Stack(_) => Ok(()),
+            };
+            lock(&self.watchers).retain(|watcher| watcher.send(seen).is_ok());
         }
     }
 }
 
-/// The next code from the firmware; none at the end.
-fn decode(bytes: &mut impl Iterator<Item = u8>) -> Option<Lamps> {
+/// The next code from the firmware; none at the end. One that a reset has cut short is left out.
+fn decode(bytes: &mut Peekable<impl Iterator<Item = u8>>) -> Option<Seen> {
     loop {
         let code = bytes.next()?;
-        let mut clock = || bytes.take(5).fold(0, |tick, group| tick << 7 | u32::from(group & 0x7f));
-        match code {
-            0xe0 => return Some(Lamps::AllOff),
+        let seen = match code {
+            0xe0 => Some(Seen::AllOff),
             0x80..=0x8f => {
                 let is = |bit: u8| code & 1 << bit != 0;
-                let tick = clock();
-                return Some(Lamps::Outputs { arc: is(0), gas: is(1), motion: is(2), wire: is(3), tick });
+                let outputs =
+                    |tick| Seen::Outputs { arc: is(0), gas: is(1), motion: is(2), wire: is(3), tick };
+                number(bytes).map(outputs)
             }
-            0xa0..=0xa3 => {
-                clock();
-                return Some(Lamps::Boot);
-            }
-            // Another report, or a code cut short by a reset.
-            _ => {}
+            0xa0..=0xa3 => number(bytes).map(|_| Seen::Boot(code & 3)),
+            0xb0 => number(bytes).map(Seen::Stack),
+            _ => None,
+        };
+        if seen.is_some() {
+            return seen;
         }
     }
+}
+
+/// Five groups of seven bits, highest first; none if a code comes before the last.
+fn number(bytes: &mut Peekable<impl Iterator<Item = u8>>) -> Option<u32> {
+    (0..5).try_fold(0_u32, |number, _| Some(number << 7 | u32::from(bytes.next_if(|&byte| byte < 0x80)?)))
 }
 
 #[cfg(test)]
@@ -174,7 +213,7 @@ mod tests {
         let (host, mut firmware) = UnixStream::pair().unwrap();
         firmware.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
         let panel = Panel::new(host).unwrap();
-        let lamps = panel.lamps();
+        let seen = panel.watch();
         let mut said = || {
             let mut byte = [0];
             firmware.read_exact(&mut byte).unwrap();
@@ -187,10 +226,18 @@ mod tests {
         assert_eq!(said(), 0x43);
         assert_eq!(panel.key(b'x').unwrap(), None);
         firmware.write_all(&[0x85, 0, 0, 0, 1, 2]).unwrap();
-        let expected = Lamps::Outputs { arc: true, gas: false, motion: true, wire: false, tick: 130 };
-        assert_eq!(lamps.recv_timeout(Duration::from_secs(5)).unwrap(), expected);
+        let expected = Seen::Outputs { arc: true, gas: false, motion: true, wire: false, tick: 130 };
+        assert_eq!(seen.recv_timeout(Duration::from_secs(5)).unwrap(), expected);
         let mut byte = [0];
         firmware.read_exact(&mut byte).unwrap();
         assert_eq!(byte[0], 0x4b, "current while the arc is on");
+    }
+
+    #[test]
+    fn a_code_that_a_reset_cuts_short_does_not_swallow_the_next() {
+        let mut bytes =
+            [0x85, 0, 0, 0xe0, 0xe0, 0xa2, 0, 0, 0, 0, 0, 0xb0, 0, 0, 0, 1, 0].into_iter().peekable();
+        let seen: Vec<Seen> = std::iter::from_fn(|| decode(&mut bytes)).collect();
+        assert_eq!(seen, [Seen::AllOff, Seen::AllOff, Seen::Boot(2), Seen::Stack(128)]);
     }
 }

@@ -2,6 +2,9 @@
 
 use serde::Serialize;
 
+use super::feasibility;
+use crate::coverage::Gap;
+use crate::feasibility::Report;
 use crate::pipeline::{Derived, Plan, ViewReport};
 use crate::seam::{Joint, Seam};
 use crate::toolpath::SeamPath;
@@ -20,7 +23,9 @@ pub struct Summary {
     derived: Vec<Parameter>,
     views: Vec<View>,
     seams: Vec<SeamSummary>,
+    coverage: Vec<Stretch>,
     stages: Vec<Stage>,
+    feasibility: Option<feasibility::Section>,
     warnings: Vec<String>,
 }
 
@@ -66,6 +71,18 @@ struct SeamSummary {
     warnings: Vec<String>,
 }
 
+/// A stretch of a seam that should be scanned again, and from where.
+#[derive(Debug, Serialize)]
+struct Stretch {
+    seam: usize,
+    fault: &'static str,
+    from_mm: f64,
+    to_mm: f64,
+    face_normal: [f64; 3],
+    camera_position_mm: [f64; 3],
+    camera_direction: [f64; 3],
+}
+
 #[derive(Debug, Serialize)]
 struct Stage {
     name: &'static str,
@@ -83,9 +100,17 @@ impl Summary {
             derived: plan.derived.iter().map(parameter).collect(),
             views: plan.views.iter().map(view).collect(),
             seams: plan.seams.iter().map(|seam| seam_summary(seam, paths)).collect(),
+            coverage: plan.coverage.iter().map(stretch).collect(),
             stages: plan.stage_s.iter().map(|&(name, time_s)| Stage { name, time_s }).collect(),
+            feasibility: None,
             warnings,
         }
+    }
+
+    /// The same with what became of the feasibility check, if there was one.
+    #[must_use]
+    pub fn with_feasibility(self, report: Option<&Report>) -> Self {
+        Self { feasibility: report.map(feasibility::Section::new), ..self }
     }
 
     /// What the user should know about the run; what concerns one seam stands there.
@@ -113,6 +138,18 @@ fn view(report: &ViewReport) -> View {
         moved_mm: finite(report.moved_mm),
         moved_deg: finite(report.moved_deg),
         uncertainty_mm: finite(report.uncertainty_mm),
+    }
+}
+
+fn stretch(gap: &Gap) -> Stretch {
+    Stretch {
+        seam: gap.seam,
+        fault: gap.fault.name(),
+        from_mm: gap.from_mm,
+        to_mm: gap.to_mm,
+        face_normal: gap.face.into(),
+        camera_position_mm: gap.view.position_mm.coords.into(),
+        camera_direction: gap.view.direction.into(),
     }
 }
 

@@ -162,18 +162,7 @@ mod tests {
     use nalgebra::Vector3;
 
     fn limits() -> Limits {
-        Limits {
-            ring: 512,
-            reach_um: 3_000_000,
-            max_step_um: 100_000,
-            min_half_turn_cos_q15: 28_377,
-            min_step_um: 50,
-            max_feed_um_s: 250_000,
-            manual_feed_um_s: 250_000,
-            accel_um_s2: 500_000,
-            tick_us: 2_000,
-            silence_ms: 200,
-        }
+        weldpath_core::pendant::Config::default().limits(512)
     }
 
     fn at(x_mm: f64, turn_rad: f64, feed_mm_s: f64, kind: Kind) -> program::Waypoint {

@@ -3,68 +3,74 @@
 //! Each iteration linearises small rotations about the common centre, solves for the increments of all views in one
 //! system, and applies them as full rotations, left-multiplied. Residuals are weighted by Geman-McClure.
 
+use super::correspondence::Match;
+use super::source::Source;
+use super::system::{Block, Pair, System};
 use super::{Config, Registration};
 use crate::cloud::View;
-use crate::grid::Grid;
 use crate::normals::{Patches, median};
 use nalgebra::{
-    DMatrix, DVector, Isometry3, Matrix6, Point3, Translation3, UnitQuaternion, Vector3, Vector6,
+    DMatrix, Isometry3, Matrix6, Point3, Rotation3, Translation3, UnitQuaternion, Vector3, Vector6,
 };
 use rayon::prelude::*;
 
 /// Least agreement of two normals that may be the same surface; keeps a pipe's inside from matching its outside.
 const MIN_NORMAL_DOT: f32 = 0.6;
-/// Patches are matched only where the surface is flat to this many noise deviations.
-const MAX_BEND: f32 = 2.0;
 /// Every pair is found from both sides, and a view's noise is shared by all its partners: this many pairs count as one.
-const REPEATED_PAIRS: f64 = 4.0;
-/// Share of information, of a motion that every pair sees in full, below which a motion counts as unseen.
-const UNSEEN: f64 = 1e-4;
-
-/// One view's patches, ready to be matched.
-struct Source {
-    grid: Grid,
-    /// Normal per slot of the grid.
-    normals: Vec<Vector3<f32>>,
-    /// Variance of a patch's height, mm², per slot.
-    variance_mm2: Vec<f32>,
-    /// Variance of a normal's tilt, rad², per slot.
-    tilt_variance: Vec<f32>,
-    /// Slots that are matched, and the weight that makes up for the ones left out.
-    sample: Vec<(u32, f32)>,
-}
+const REPEATED_PAIRS: f32 = 4.0;
+/// Of the sampled patches, every so manieth is matched in all rounds but the last, which decides the accuracy.
+const COARSE_STEP: usize = 4;
+/// Of the sampled patches, every so manieth is asked for the fitness.
+const FITNESS_STEP: usize = 4;
+/// A view's patches nearer than this to another view's, in aligned distances, overlap it.
+const OVERLAP: f32 = 4.0;
 
 pub(super) struct Problem {
     sources: Vec<Source>,
+    ties: Vec<Tie>,
     reported: Vec<Isometry3<f64>>,
     poses: Vec<Isometry3<f64>>,
     centre_mm: Point3<f64>,
 }
 
-/// A pair of patches of two views in the base frame, about the centre.
-struct Pair {
-    arm: Vector3<f64>,
-    /// Of the target patch, and the distance of the source patch above it.
-    normal: Vector3<f64>,
-    residual_mm: f64,
-    /// Of the source patch, and the distance of the target patch below it.
-    own_normal: Vector3<f64>,
-    own_residual_mm: f64,
-    weight: f64,
-}
-
-/// Normal equations of the pairs from one view to another.
-#[derive(Default)]
-struct Terms {
+/// What ties view `i` to view `j`: the partners in `j` of the sampled patches of `i`.
+struct Tie {
+    i: usize,
+    j: usize,
+    matches: Vec<Match>,
+    /// The nearest patches whatever their normal, of every [`FITNESS_STEP`]th sampled patch.
+    nearest: Vec<Match>,
     pairs: Vec<Pair>,
 }
 
-/// One row of `A`, eq. (7), by the small angles of eq. (4) in the motion of eq. (5): rotation part, then translation.
-///
-/// `arm` is where the point is from the centre.
-pub(super) fn point_row(arm: &Vector3<f64>, normal: &Vector3<f64>) -> Vector6<f64> {
-    let turn = arm.cross(normal);
-    Vector6::new(turn.x, turn.y, turn.z, normal.x, normal.y, normal.z)
+impl Tie {
+    fn new(i: usize, j: usize, sources: &[Source]) -> Self {
+        let count = sources[i].sample.len();
+        Self {
+            i,
+            j,
+            matches: vec![Match::NEW; count],
+            nearest: vec![Match::NEW; count.div_ceil(FITNESS_STEP)],
+            pairs: Vec::new(),
+        }
+    }
+}
+
+/// A rigid motion in single precision.
+struct Motion {
+    turn: Rotation3<f32>,
+    shift: Vector3<f32>,
+}
+
+impl Motion {
+    fn new(motion: &Isometry3<f64>) -> Self {
+        let turn = motion.rotation.to_rotation_matrix().cast();
+        Self { turn, shift: motion.translation.vector.cast() }
+    }
+
+    fn apply(&self, p: &Point3<f32>) -> Point3<f32> {
+        self.turn * p + self.shift
+    }
 }
 
 impl Problem {
@@ -79,7 +85,10 @@ impl Problem {
             }
         }
         let centre_mm = Point3::from(sum / f64::max(count, 1.0));
-        Self { sources, poses: reported.clone(), reported, centre_mm }
+        let views = 0..sources.len();
+        let combos = views.clone().flat_map(|i| views.clone().filter(move |&j| j != i).map(move |j| (i, j)));
+        let ties = combos.map(|(i, j)| Tie::new(i, j, &sources)).collect();
+        Self { sources, ties, poses: reported.clone(), reported, centre_mm }
     }
 
     /// The poses that minimise the distances along the normals, eq. (2), gate by gate.
@@ -95,14 +104,19 @@ impl Problem {
             return self.finish(fitness, covariance, residual_mm);
         }
         for (round, &gate_mm) in config.gates_mm.iter().enumerate() {
+            if round > 0 && gate_mm > config.gates_mm[round - 1] {
+                self.ties.iter_mut().for_each(|tie| tie.matches.fill(Match::NEW));
+            }
+            let last = round + 1 == config.gates_mm.len();
+            let thin = if last { 1 } else { COARSE_STEP };
             for _ in 0..config.iterations {
-                let (step, cov, scale) = self.iterate(gate_mm, config);
+                let (step, cov, scale) = self.iterate(gate_mm, thin, config);
                 covariance = cov;
                 residual_mm = scale;
                 for (k, f) in self.fitness(config).into_iter().enumerate() {
                     fitness[k].push(f);
                 }
-                let fine = if round + 1 == config.gates_mm.len() { 0.002 } else { 0.05 };
+                let fine = if last { 0.002 } else { 0.05 };
                 if step < fine {
                     break;
                 }
@@ -122,20 +136,18 @@ impl Problem {
     }
 
     /// One linear step of all views, eq. (6): the largest motion of a view, mm, the covariance, the residual scale.
-    fn iterate(&mut self, gate_mm: f32, config: &Config) -> (f64, DMatrix<f64>, f64) {
+    fn iterate(&mut self, gate_mm: f32, thin: usize, config: &Config) -> (f64, DMatrix<f64>, f64) {
         let views = self.sources.len();
-        let combos: Vec<(usize, usize)> =
-            (0..views).flat_map(|i| (0..views).filter(move |&j| j != i).map(move |j| (i, j))).collect();
-        let terms: Vec<Terms> = combos.par_iter().map(|&(i, j)| self.pairs(i, j, gate_mm)).collect();
-        let mut size: Vec<f64> =
-            terms.iter().flat_map(|t| t.pairs.iter().map(|p| p.residual_mm.abs())).collect();
-        let scale = (1.4826 * median(&mut size)).max(0.02).min(f64::from(gate_mm));
+        let (sources, poses, centre_mm) = (&self.sources, &self.poses, &self.centre_mm);
+        self.ties.par_iter_mut().for_each(|tie| tie.pair(sources, poses, centre_mm, gate_mm, thin));
+        let pairs = self.ties.iter().flat_map(|tie| &tie.pairs);
+        let mut size: Vec<f32> = pairs.map(|pair| pair.residual_mm.abs()).collect();
+        let scale = f64::from(1.4826 * median(&mut size)).max(0.02).min(f64::from(gate_mm));
         let spread_mm = self.spread_mm();
         let mut system = System::new(views, spread_mm);
-        for (&(i, j), t) in combos.iter().zip(&terms) {
-            let mut block = Block::default();
-            t.pairs.iter().for_each(|p| block.add(p, scale));
-            system.add(i, j, &block);
+        let blocks: Vec<Block> = self.ties.par_iter().map(|tie| tie.block(scale, poses)).collect();
+        for (tie, block) in self.ties.iter().zip(&blocks) {
+            system.add(tie.i, tie.j, block);
         }
         let priors: Vec<_> = (1..views).map(|view| self.prior(view, config)).collect();
         let Some((x, covariance)) = system.solve(&priors) else { return (0.0, DMatrix::zeros(0, 0), scale) };
@@ -178,60 +190,20 @@ impl Problem {
         (weighted * jacobian, -(weighted * offset))
     }
 
-    fn pairs(&self, i: usize, j: usize, gate_mm: f32) -> Terms {
-        let (source, target) = (&self.sources[i], &self.sources[j]);
-        let j_from_i = self.poses[j].inverse() * self.poses[i];
-        let turn: UnitQuaternion<f32> = j_from_i.rotation.cast();
-        let shift: Vector3<f32> = j_from_i.translation.vector.cast();
-        let mut terms = Terms::default();
-        for &(slot, thinned) in &source.sample {
-            let slot = slot as usize;
-            let q = turn * source.grid.point(slot) + shift;
-            let facing = turn * source.normals[slot];
-            let Some((hit, _)) =
-                target.grid.nearest(&q, gate_mm, |s| target.normals[s].dot(&facing) > MIN_NORMAL_DOT)
-            else {
-                continue;
-            };
-            let (p, n) = (target.grid.point(hit), target.normals[hit]);
-            let residual = n.dot(&(q - p));
-            let aside = ((q - p).norm_squared() - residual * residual).max(0.0);
-            let tilt = target.tilt_variance[hit];
-            let variance = source.variance_mm2[slot] + target.variance_mm2[hit] + tilt * aside;
-            let pose = &self.poses[j];
-            terms.pairs.push(Pair {
-                arm: pose * q.cast::<f64>() - self.centre_mm,
-                normal: pose * n.cast::<f64>(),
-                residual_mm: f64::from(residual),
-                own_normal: pose * facing.cast::<f64>(),
-                own_residual_mm: f64::from(facing.dot(&(q - p))),
-                weight: f64::from(thinned / variance) / REPEATED_PAIRS,
-            });
-        }
-        terms
-    }
-
-    fn fitness(&self, config: &Config) -> Vec<f64> {
-        let reach = 4.0 * config.fitness_mm;
-        (0..self.sources.len())
-            .into_par_iter()
-            .map(|i| {
-                let (mut near, mut overlap) = (0, 0);
-                for &(slot, _) in self.sources[i].sample.iter().step_by(4) {
-                    let place = self.poses[i] * self.sources[i].grid.point(slot as usize).cast::<f64>();
-                    let others = (0..self.sources.len()).filter(|&j| j != i);
-                    let d2 = others
-                        .filter_map(|j| {
-                            let q = self.poses[j].inverse_transform_point(&place).cast::<f32>();
-                            self.sources[j].grid.nearest(&q, reach, |_| true).map(|(_, d2)| d2)
-                        })
-                        .fold(f32::INFINITY, f32::min);
-                    overlap += usize::from(d2.is_finite());
-                    near += usize::from(d2 < config.fitness_mm.powi(2));
-                }
-                near as f64 / f64::from(overlap.max(1) as u32)
-            })
-            .collect()
+    fn fitness(&mut self, config: &Config) -> Vec<f64> {
+        let reach = OVERLAP * config.fitness_mm;
+        let (sources, poses) = (&self.sources, &self.poses);
+        let squared: Vec<Vec<f32>> =
+            self.ties.par_iter_mut().map(|tie| tie.nearest_squared(sources, poses, reach)).collect();
+        let share = |i: usize| {
+            let own = || self.ties.iter().zip(&squared).filter(|(tie, _)| tie.i == i);
+            let count = own().next().map_or(0, |(_, d2)| d2.len());
+            let nearest = |k| own().map(|(_, d2)| d2[k]).fold(f32::INFINITY, f32::min);
+            let of: Vec<f32> = (0..count).map(nearest).filter(|d2| d2.is_finite()).collect();
+            let near = of.iter().filter(|d2| **d2 < config.fitness_mm.powi(2)).count();
+            near as f64 / of.len().max(1) as f64
+        };
+        (0..self.sources.len()).map(share).collect()
     }
 
     /// Root mean square distance of the patches from the centre, mm: turns rotations into lengths.
@@ -248,137 +220,60 @@ impl Problem {
     }
 }
 
-/// Normal equations of the pairs between two views, eq. (7).
-#[derive(Default)]
-struct Block {
-    information: Matrix6<f64>,
-    pull: Vector6<f64>,
-    weight: f64,
-}
-
-impl Block {
-    fn add(&mut self, p: &Pair, scale: f64) {
-        let w = p.weight / (1.0 + (p.residual_mm / (2.0 * scale)).powi(2)).powi(2);
-        // Two normals of one surface with independent noise: their product is unbiased where a square is not, so noise
-        // does not pass for information (instrumental variables).
-        let (own, other) = (point_row(&p.arm, &p.own_normal), point_row(&p.arm, &p.normal));
-        self.information.ger(0.5 * w, &own, &other, 1.0);
-        self.information.ger(0.5 * w, &other, &own, 1.0);
-        self.pull.axpy(-0.5 * w * p.residual_mm, &own, 1.0);
-        self.pull.axpy(-0.5 * w * p.own_residual_mm, &other, 1.0);
-        self.weight += w;
-    }
-}
-
-/// The joint system of all views but the first in units in which every unknown is a length.
-struct System {
-    information: DMatrix<f64>,
-    pull: DVector<f64>,
-    weight: Vec<f64>,
-    spread_mm: f64,
-}
-
-impl System {
-    fn new(views: usize, spread_mm: f64) -> Self {
-        let n = 6 * (views - 1);
-        Self {
-            information: DMatrix::zeros(n, n),
-            pull: DVector::zeros(n),
-            weight: vec![0.0; views],
-            spread_mm,
+impl Tie {
+    /// Finds the pairs of every `thin`th sampled patch anew.
+    fn pair(
+        &mut self,
+        sources: &[Source],
+        poses: &[Isometry3<f64>],
+        centre_mm: &Point3<f64>,
+        gate_mm: f32,
+        thin: usize,
+    ) {
+        let (source, target) = (&sources[self.i], &sources[self.j]);
+        let motion = Motion::new(&(poses[self.j].inverse() * poses[self.i]));
+        let centre = poses[self.j].inverse_transform_point(centre_mm).cast::<f32>();
+        self.pairs.clear();
+        for (&(slot, thinned), partner) in source.sample.iter().zip(&mut self.matches).step_by(thin) {
+            let slot = slot as usize;
+            let q = motion.apply(&source.grid.point(slot));
+            let facing = motion.turn * source.normals[slot];
+            let same_side = |s: usize| target.normals[s].dot(&facing) > MIN_NORMAL_DOT;
+            let Some((hit, d2)) = partner.find(&target.grid, &q, gate_mm, same_side) else { continue };
+            let (normal, above) = (target.normals[hit], q - target.grid.point(hit));
+            let residual_mm = normal.dot(&above);
+            let aside = (d2 - residual_mm * residual_mm).max(0.0);
+            let tilt = target.tilt_variance[hit];
+            let variance = source.variance_mm2[slot] + target.variance_mm2[hit] + tilt * aside;
+            self.pairs.push(Pair {
+                arm: q - centre,
+                normal,
+                residual_mm,
+                own_normal: facing,
+                own_residual_mm: facing.dot(&above),
+                weight: thin as f32 * thinned / (variance * REPEATED_PAIRS),
+            });
         }
     }
 
-    fn add(&mut self, i: usize, j: usize, block: &Block) {
-        // The same rows with opposite sign move the other view.
-        for (a, sa) in [(i, 1.0), (j, -1.0)] {
-            self.weight[a] += block.weight;
-            let Some(ra) = a.checked_sub(1) else { continue };
-            let mut part = self.pull.fixed_rows_mut::<6>(6 * ra);
-            part += block.pull * sa;
-            for (b, sb) in [(i, 1.0), (j, -1.0)] {
-                let Some(rb) = b.checked_sub(1) else { continue };
-                let mut part = self.information.fixed_view_mut::<6, 6>(6 * ra, 6 * rb);
-                part += block.information * (sa * sb);
-            }
-        }
+    /// Normal equations of the pairs about the centre, axes of the base frame.
+    fn block(&self, scale: f64, poses: &[Isometry3<f64>]) -> Block {
+        let mut block = Block::default();
+        self.pairs.iter().for_each(|pair| block.add(pair, scale));
+        block.turned(&poses[self.j].rotation)
     }
 
-    /// The increments of all views, eq. (8), and their covariance.
-    ///
-    /// Along each eigenvector of the information only what exceeds the normals' noise is believed; where nothing is
-    /// left, the prior alone decides.
-    fn solve(self, priors: &[(Matrix6<f64>, Vector6<f64>)]) -> Option<(DVector<f64>, DMatrix<f64>)> {
-        let n = self.pull.len();
-        // Rows scaled so that a motion which every pair of a view sees in full has information 1.
-        let unit = DVector::from_fn(n, |k, _| {
-            let length = if k % 6 < 3 { 1.0 / self.spread_mm.max(1e-9) } else { 1.0 };
-            length / self.weight[k / 6 + 1].max(1e-12).sqrt()
-        });
-        let scaled = |m: &DMatrix<f64>| DMatrix::from_fn(n, n, |r, c| m[(r, c)] * unit[r] * unit[c]);
-        let pull = self.pull.component_mul(&unit);
-        let eigen = scaled(&self.information).symmetric_eigen();
-        let mut h = DMatrix::zeros(n, n);
-        let mut g = DVector::zeros(n);
-        for (&seen, v) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
-            let trust = (1.0 - UNSEEN / seen.max(1e-300)).max(0.0);
-            h.ger(trust * seen, &v, &v, 1.0);
-            g.axpy(trust * v.dot(&pull), &v, 1.0);
-        }
-        for (k, (information, pull)) in priors.iter().enumerate() {
-            for r in 0..6 {
-                g[6 * k + r] += pull[r] * unit[6 * k + r];
-                for c in 0..6 {
-                    h[(6 * k + r, 6 * k + c)] += information[(r, c)] * unit[6 * k + r] * unit[6 * k + c];
-                }
-            }
-        }
-        let factor = h.cholesky()?;
-        let x = factor.solve(&g).component_mul(&unit);
-        let covariance = factor.inverse();
-        Some((x, DMatrix::from_fn(n, n, |r, c| covariance[(r, c)] * unit[r] * unit[c])))
+    /// Squared distances to the nearest patches of `j`; infinite beyond `reach`.
+    fn nearest_squared(&mut self, sources: &[Source], poses: &[Isometry3<f64>], reach: f32) -> Vec<f32> {
+        let (source, target) = (&sources[self.i], &sources[self.j]);
+        let motion = Motion::new(&(poses[self.j].inverse() * poses[self.i]));
+        let asked = source.sample.iter().step_by(FITNESS_STEP);
+        asked
+            .zip(&mut self.nearest)
+            .map(|(&(slot, _), partner)| {
+                let q = motion.apply(&source.grid.point(slot as usize));
+                partner.find(&target.grid, &q, reach, |_| true).map_or(f32::INFINITY, |(_, d2)| d2)
+            })
+            .collect()
     }
-}
-
-impl Source {
-    fn new(patches: &Patches, sample: usize) -> Self {
-        let mut variance = patches.variance_mm2.clone();
-        let noise = median(&mut variance).max(1e-6);
-        let flat: Vec<usize> = (0..patches.cloud.len())
-            .filter(|&k| patches.variance_mm2[k] < MAX_BEND * MAX_BEND * noise)
-            .collect();
-        let points: Vec<_> = flat.iter().map(|&k| patches.cloud.points_mm[k]).collect();
-        let grid = Grid::new(&points, 2.0 * patches.cell_mm);
-        let at = |slot: usize| flat[grid.index(slot)];
-        let normals: Vec<_> = (0..grid.len()).map(|s| patches.cloud.normals[at(s)]).collect();
-        let variance_mm2 = (0..grid.len())
-            .map(|s| 5.5 * patches.variance_mm2[at(s)].max(0.25 * noise) / patches.count[at(s)])
-            .collect();
-        let tilt_variance = (0..grid.len()).map(|s| patches.tilt_variance[at(s)]).collect();
-        let sample = spread_over_normals(&normals, sample);
-        Self { grid, normals, variance_mm2, tilt_variance, sample }
-    }
-}
-
-/// A sample in which rare directions are kept whole and common ones thinned, each with the weight that makes up for it.
-fn spread_over_normals(normals: &[Vector3<f32>], sample: usize) -> Vec<(u32, f32)> {
-    let bin = |n: &Vector3<f32>| {
-        let c = |v: f32| ((v * 3.0).round() as i32 + 3) as usize;
-        (c(n.x) * 7 + c(n.y)) * 7 + c(n.z)
-    };
-    let mut members: Vec<Vec<u32>> = vec![Vec::new(); 343];
-    for (slot, n) in normals.iter().enumerate() {
-        members[bin(n)].push(slot as u32);
-    }
-    members.retain(|m| !m.is_empty());
-    // Fill the smallest bins first; what they leave over is shared by the larger.
-    members.sort_by_key(Vec::len);
-    let (mut left, mut out) = (sample, Vec::with_capacity(sample));
-    for (k, m) in members.iter().enumerate() {
-        let share = (left / (members.len() - k)).min(m.len());
-        left -= share;
-        let step = m.len() as f64 / share.max(1) as f64;
-        out.extend((0..share).map(|s| (m[(s as f64 * step) as usize], step.sqrt() as f32)));
-    }
-    out
 }

@@ -62,7 +62,17 @@ mod tests {
         let intensity = &edges::score(&voxels, model, &grid, 4.0).intensity;
         let mut ours = sampled(&Evidence { merged, voxels: &voxels, model, intensity });
         let (registration, names) = (None, Vec::new());
-        let input = Input { merged, voxels: &voxels, model, registration, names, whole_views: false };
+        let (whole_views, cameras_known, last_scale) = (false, true, false);
+        let input = Input {
+            merged,
+            voxels: &voxels,
+            model,
+            registration,
+            names,
+            whole_views,
+            cameras_known,
+            last_scale,
+        };
         let mut theirs: Vec<f32> = paper::tensors(&input).iter().map(|t| t.ratio()).collect();
         ours.sort_by(f32::total_cmp);
         theirs.sort_by(f32::total_cmp);

@@ -12,6 +12,9 @@ pub(super) enum Kind {
     Stl,
     Obj,
     Png,
+    E57,
+    /// LAS and LAZ.
+    Las,
     /// `scan.json` under any name.
     Json,
 }
@@ -33,6 +36,10 @@ fn by_mark(bytes: &[u8]) -> Option<Kind> {
         Some(Kind::Ply)
     } else if starts(b"\x89PNG\r\n\x1a\n") {
         Some(Kind::Png)
+    } else if starts(b"ASTM-E57") {
+        Some(Kind::E57)
+    } else if starts(b"LASF") {
+        Some(Kind::Las)
     } else if starts(b"# .PCD") || has_line(b"FIELDS ") && has_line(b"SIZE ") {
         Some(Kind::Pcd)
     } else if super::stl::is_binary(bytes) || super::stl::is_text(bytes) {
@@ -76,7 +83,7 @@ fn by_first_line(bytes: &[u8]) -> Option<Kind> {
 pub(super) fn help(path: &Path) -> &'static str {
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
     match extension.as_str() {
-        "las" | "laz" | "e57" => "Export the cloud as PLY or PCD, for instance with CloudCompare.",
+        "las" | "laz" | "e57" => "It does not begin as such a file does: export it again, or as PLY or PCD.",
         "step" | "stp" | "iges" | "igs" | "3mf" | "glb" | "gltf" => "Export the mesh as STL or OBJ.",
         "jpg" | "jpeg" | "tif" | "tiff" | "exr" => "Depth images are read as 16-bit greyscale PNG.",
         _ => "Read are PLY, PCD, XYZ/CSV, STL, OBJ, 16-bit depth PNG, or a folder with scan.json.",

@@ -1,42 +1,41 @@
 //! `scan.json`: views with the robot's poses and the hand-eye transform, eq. (1)'s right-hand side.
 //!
-//! Poses are UR vectors (x, y, z, rotation vector in rad) of the flange in the base; lengths are in `units`, except for
-//! names that end in `_m`. A view is a `depth` image or a `cloud` in the camera's frame, or a cloud with `"frame": "base"` and
+//! Poses are those of the flange in the base, hand-eye that of the camera in the flange, each in any form that [`transform`]
+//! reads, or the inverse under its own name; lengths are in `units`, except for names that end in `_m`. A view is a `depth` image or a `cloud` in the camera's frame, or a cloud with `"frame": "base"` and
 //! `camera_m`. A key that is not known is refused: a misspelt one would be silently ignored otherwise.
 
 use std::path::{Path, PathBuf};
 
-use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Vector3};
 use rayon::prelude::*;
 use serde::Deserialize;
 use serde_json::Value;
 
 use super::depth::{self, Camera};
 use super::units::Unit;
-use super::{Error, Options, Scan, kind, name_of, parse, read_file, translation, view_of};
+use super::{
+    Error, Options, Scan, direction, kind, name_of, parse, read_file, transform, translation, view_of,
+};
 use crate::cloud::View;
 
 /// Name of the file in its folder.
 pub(super) const NAME: &str = "scan.json";
 
-const KEYS: &[&str] = &["units", "camera", "flange_from_camera", "views"];
+const KEYS: &[&str] = &["units", "camera", "flange_from_camera", "camera_from_flange", "views"];
 const CAMERA_KEYS: &[&str] = &["width", "height", "fx", "fy", "cx", "cy", "depth_scale_m"];
-const VIEW_KEYS: &[&str] = &["depth", "cloud", "frame", "camera_m", "base_from_flange"];
+const VIEW_KEYS: &[&str] = &["depth", "cloud", "frame", "camera_m", "base_from_flange", "flange_from_base"];
 
 /// Farther from its base no flange is, mm; beyond it the unit is wrong.
 const LONGEST_REACH_MM: f64 = 50_000.0;
 /// Farther from the flange no camera is, mm.
 const LONGEST_MOUNT_MM: f64 = 5_000.0;
-/// No rotation vector is longer, not even in degrees.
-const MOST_TURN_RAD: f64 = 1000.0;
-/// How far the 3x3 part may be from a rotation: a matrix written with three decimals.
-const RIGID: f64 = 2e-3;
 
 #[derive(Debug, Deserialize)]
 struct Manifest {
     units: Option<FileUnit>,
     camera: Option<Camera>,
-    flange_from_camera: Option<[[f64; 4]; 4]>,
+    flange_from_camera: Option<Value>,
+    camera_from_flange: Option<Value>,
     views: Vec<Entry>,
 }
 
@@ -54,7 +53,8 @@ struct Entry {
     cloud: Option<PathBuf>,
     frame: Option<Frame>,
     camera_m: Option<[f64; 3]>,
-    base_from_flange: Option<[f64; 6]>,
+    base_from_flange: Option<Value>,
+    flange_from_base: Option<Value>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
@@ -70,7 +70,8 @@ pub(super) fn read(path: &Path, options: &Options) -> Result<Scan, Error> {
     let mut scan =
         Scan { views: Vec::new(), notes: Vec::new(), warnings: Vec::new(), inputs: vec![path.into()] };
     let unit = unit(&manifest, options, &mut scan);
-    let job = Job { path, unit, hand_eye: hand_eye(&manifest, unit, path)?, manifest: &manifest };
+    let hand_eye = hand_eye(&manifest, unit, path, &mut scan)?;
+    let job = Job { path, unit, hand_eye, manifest: &manifest };
     let read: Vec<_> = (0..manifest.views.len()).into_par_iter().map(|i| job.view(i)).collect();
     for (i, view) in read.into_iter().enumerate() {
         let (view, file, notes) = view?;
@@ -85,6 +86,7 @@ pub(super) fn read(path: &Path, options: &Options) -> Result<Scan, Error> {
         return Err(Error::empty(path, format!("none of its {} views sees anything", manifest.views.len())));
     }
     warn_of_doubtful(&manifest, &scan.views, &mut scan.warnings);
+    check_direction(&manifest, hand_eye, &mut scan, path)?;
     Ok(scan)
 }
 
@@ -156,39 +158,37 @@ fn unit(manifest: &Manifest, options: &Options, scan: &mut Scan) -> Unit {
     unit
 }
 
-/// `flange_from_camera` in mm, if it is given and a rigid transform.
-fn hand_eye(manifest: &Manifest, unit: Unit, path: &Path) -> Result<Option<Isometry3<f64>>, Error> {
-    let Some(rows) = manifest.flange_from_camera else { return Ok(None) };
-    let bad = |problem: String, help: &str| Err(Error::malformed(path, "flange_from_camera", problem, help));
-    if rows[3].iter().zip([0.0, 0.0, 0.0, 1.0]).any(|(a, b)| (a - b).abs() > 1e-9) {
-        return bad(
-            format!("the last row is {:?}, not 0 0 0 1", rows[3]),
-            "The matrix is written row by row",
-        );
+/// `flange_from_camera` in mm, from either key; a string is the name of an easy_handeye file beside scan.json.
+fn hand_eye(
+    manifest: &Manifest,
+    unit: Unit,
+    path: &Path,
+    scan: &mut Scan,
+) -> Result<Option<Isometry3<f64>>, Error> {
+    let (key, value, inverted) = match (&manifest.flange_from_camera, &manifest.camera_from_flange) {
+        (Some(value), None) => ("flange_from_camera", value, false),
+        (None, Some(value)) => ("camera_from_flange", value, true),
+        (None, None) => return Ok(None),
+        (Some(_), Some(_)) => {
+            let problem = "flange_from_camera is given too, and one is the inverse of the other";
+            return Err(Error::malformed(path, "camera_from_flange", problem, "Keep one of them"));
+        }
+    };
+    let given = match value.as_str() {
+        Some(name) => {
+            let file = transform::file_beside(path, name);
+            scan.inputs.push(file.clone());
+            transform::easy_handeye(&file)?
+        }
+        None => transform::parse(value, unit)
+            .map_err(|(problem, help)| Error::malformed(path, key, problem, help))?,
+    };
+    let at_mm = given.translation.vector.norm();
+    if at_mm > LONGEST_MOUNT_MM {
+        let problem = format!("the camera would be {at_mm:.0} mm from the flange");
+        return Err(Error::malformed(path, key, problem, "Its translation is in `units`: check them"));
     }
-    let rotation = Matrix3::from_fn(|r, c| rows[r][c]);
-    let off = (rotation.transpose() * rotation - Matrix3::identity()).amax();
-    if off.is_nan() || off > RIGID {
-        return bad(
-            format!("its 3x3 part is not a rotation: R^T R differs from 1 by {off:.2e}"),
-            "Check that no scale is in it and that no row is missing",
-        );
-    }
-    if rotation.determinant() < 0.0 {
-        return bad(
-            "its 3x3 part is a reflection: determinant -1".into(),
-            "Check the handedness of the axes",
-        );
-    }
-    let at_mm = Vector3::new(rows[0][3], rows[1][3], rows[2][3]) * unit.mm();
-    if at_mm.norm() > LONGEST_MOUNT_MM {
-        return bad(
-            format!("the camera would be {:.0} mm from the flange", at_mm.norm()),
-            "Its translation is in `units`: check them",
-        );
-    }
-    let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix(&rotation));
-    Ok(Some(Isometry3::from_parts(Translation3::from(at_mm), rotation)))
+    Ok(Some(if inverted { given.inverse() } else { given }))
 }
 
 /// What every view needs to be read.
@@ -262,7 +262,7 @@ impl Job<'_> {
                 "a cloud in the base frame needs the camera's position, [x, y, z] in metres",
             );
         };
-        if entry.base_from_flange.is_some() {
+        if entry.base_from_flange.is_some() || entry.flange_from_base.is_some() {
             return self.bad(i, "base_from_flange", "a cloud in the base frame has no use for a pose");
         }
         let at_mm = Vector3::from(camera_m) * 1000.0;
@@ -302,24 +302,30 @@ impl Job<'_> {
         if entry.camera_m.is_some() {
             return self.bad(i, "camera_m", "it belongs to a cloud with \"frame\": \"base\"");
         }
-        let Some([x, y, z, rx, ry, rz]) = entry.base_from_flange else {
-            return self.bad(
-                i,
-                "base_from_flange",
-                "it is missing: [x, y, z, rx, ry, rz], rotation vector in rad",
-            );
+        let (key, value, inverted) = match (&entry.base_from_flange, &entry.flange_from_base) {
+            (Some(value), None) => ("base_from_flange", value, false),
+            (None, Some(value)) => ("flange_from_base", value, true),
+            (None, None) => {
+                return self.bad(
+                    i,
+                    "base_from_flange",
+                    "it is missing: [x, y, z, rx, ry, rz], rotation vector in rad",
+                );
+            }
+            (Some(_), Some(_)) => {
+                return self.bad(i, "flange_from_base", "base_from_flange is given too; keep one of them");
+            }
         };
         let Some(flange_from_camera) = self.hand_eye else {
-            let help = "Add the hand-eye calibration as a 4x4 matrix, row by row; the identity if poses are the camera's";
+            let help = "Add the hand-eye calibration, as a 4x4 matrix or the name of easy_handeye's file; the identity if \
+                        poses are the camera's";
             return Err(Error::malformed(self.path, "flange_from_camera", "it is missing", help));
         };
-        let at_mm = Vector3::new(x, y, z) * self.unit.mm();
-        self.check_reach(i, "base_from_flange", at_mm)?;
-        if Vector3::new(rx, ry, rz).amax() > MOST_TURN_RAD {
-            return self.bad(i, "base_from_flange", "its last three numbers are a rotation vector in rad");
-        }
-        let rotation = UnitQuaternion::from_scaled_axis(Vector3::new(rx, ry, rz));
-        Ok(Isometry3::from_parts(Translation3::from(at_mm), rotation) * flange_from_camera)
+        let place = format!("views[{i}].{key}");
+        let pose = transform::parse(value, self.unit)
+            .map_err(|(problem, help)| Error::malformed(self.path, place, problem, help))?;
+        self.check_reach(i, key, pose.translation.vector)?;
+        Ok(if inverted { pose.inverse() * flange_from_camera } else { pose * flange_from_camera })
     }
 
     fn check_reach(&self, i: usize, field: &str, at_mm: Vector3<f64>) -> Result<(), Error> {
@@ -334,18 +340,61 @@ impl Job<'_> {
     }
 }
 
+/// Refuses, or warns of, a hand-eye transform or poses that fit much better the other way round.
+fn check_direction(
+    manifest: &Manifest,
+    hand_eye: Option<Isometry3<f64>>,
+    scan: &mut Scan,
+    path: &Path,
+) -> Result<(), Error> {
+    let in_base = |entry: &Entry| entry.frame == Some(Frame::Base);
+    let Some(hand_eye) = hand_eye.filter(|_| !manifest.views.iter().any(in_base)) else { return Ok(()) };
+    let flange = |view: &View| view.base_from_camera * hand_eye.inverse();
+    let poses: Vec<Isometry3<f64>> = scan.views.iter().map(flange).collect();
+    let Some(found) = direction::better(&scan.views, &poses, &hand_eye) else { return Ok(()) };
+    let inverse =
+        |key: &'static str, other: &'static str, given: bool| if given { [key, other] } else { [other, key] };
+    let eye = inverse("flange_from_camera", "camera_from_flange", manifest.flange_from_camera.is_some());
+    let forward = manifest.views.iter().any(|entry| entry.base_from_flange.is_some());
+    let pose = inverse("base_from_flange", "flange_from_base", forward);
+    let wrong: Vec<[&str; 2]> = [(found.invert_hand_eye, eye), (found.invert_poses, pose)]
+        .into_iter()
+        .filter(|w| w.0)
+        .map(|w| w.1)
+        .collect();
+    let names = |k: usize| wrong.iter().map(|pair| pair[k]).collect::<Vec<_>>().join(" and ");
+    let problem = format!(
+        "the views agree {:.0} times better when {} is inverted ({:.1} mm apart instead of {:.1} mm): is it {}?",
+        found.times(),
+        names(0),
+        found.better_mm,
+        found.given_mm,
+        names(1)
+    );
+    if found.times() >= direction::REFUSED {
+        return Err(Error::malformed(path, names(0), problem, format!("Rename the key to {}", names(1))));
+    }
+    scan.warnings.push(problem);
+    Ok(())
+}
+
 /// Warns of poses and depths that are possible, but probably in a wrong unit.
 fn warn_of_doubtful(manifest: &Manifest, views: &[View], warnings: &mut Vec<String>) {
+    let vector = |entry: &Entry| -> Option<[f64; 6]> {
+        let value = entry.base_from_flange.as_ref().or(entry.flange_from_base.as_ref())?;
+        serde_json::from_value(value.clone()).ok()
+    };
     let turns = |entry: &&Entry| {
-        entry
-            .base_from_flange
-            .is_some_and(|p| Vector3::new(p[3], p[4], p[5]).norm() > 2.01 * std::f64::consts::PI)
+        vector(entry).is_some_and(|p| Vector3::new(p[3], p[4], p[5]).norm() > 2.01 * std::f64::consts::PI)
     };
     if let Some(i) = manifest.views.iter().position(|entry| turns(&entry)) {
         warnings
             .push(format!("views[{i}].base_from_flange turns by more than a whole turn: is it in degrees?"));
     }
-    let posed = manifest.views.iter().any(|entry| entry.base_from_flange.is_some());
+    let posed = manifest
+        .views
+        .iter()
+        .any(|entry| entry.base_from_flange.is_some() || entry.flange_from_base.is_some());
     if posed && views.iter().all(|view| view.base_from_camera.translation.vector.norm() < 10.0) {
         warnings.push("all cameras are within 10 mm of the base's origin: check `units` in scan.json".into());
     }
@@ -439,7 +488,8 @@ mod tests {
             (posed("[[1,0,0,60],[0,1,0,0],[0,0,1,0],[0,0,0,1]]", pose), "60000 mm from the flange"),
             (posed("[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,2]]", pose), "last row"),
             (posed(IDENTITY, "[400,0,300,0,0,0]"), "views[0].base_from_flange"),
-            (posed(IDENTITY, "[0,0,1,0,0]"), "line 1"),
+            (posed(IDENTITY, "[0,0,1,0,0]"), "views[0].base_from_flange"),
+            (posed("\"eye.yaml\"", pose), "eye.yaml"),
             (posed(IDENTITY, "[0,0,1e999,0,0,0]"), "line 1"),
             (posed(IDENTITY, pose).replace("flange_from_camera", "camera"), "line 1"),
             (r#"{"units": "m", "views": [{"cloud": "a.xyz"}]}"#.into(), "views[0].base_from_flange"),
@@ -449,7 +499,8 @@ mod tests {
             ("{".into(), "line 1"),
         ] {
             let error = scan(&json).unwrap_err().to_string();
-            assert!(error.contains(place) && (error.contains(NAME) || place == "b.xyz"), "{json}\n{error}");
+            let other = ["b.xyz", "eye.yaml"].contains(&place);
+            assert!(error.contains(place) && (error.contains(NAME) || other), "{json}\n{error}");
         }
     }
 

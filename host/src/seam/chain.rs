@@ -5,6 +5,7 @@
 //! is closed when it comes back to its start.
 
 use super::corner::Corner;
+use super::wedge;
 use crate::grid::Grid;
 use nalgebra::{Point3, Vector3};
 
@@ -35,6 +36,13 @@ impl Default for Config {
             tilt_deg: 22.0,
             shortest_voxels: 12.0,
         }
+    }
+}
+
+impl Config {
+    /// For valleys whose faces blend into each other: single corners there scatter and lean with where they were fitted.
+    pub fn blurred(&self) -> Self {
+        Self { step_voxels: 2.5, beside_voxels: 2.5, turn_deg: 30.0, tilt_deg: 40.0, ..*self }
     }
 }
 
@@ -69,11 +77,11 @@ impl Chain {
     }
 }
 
-/// All chains, best supported first.
-pub fn trace(corners: &[Corner], voxel_mm: f32, config: &Config) -> Vec<Chain> {
+/// All chains, best supported first; `model` is what may stand in their way.
+pub fn trace(corners: &[Corner], model: &Grid, voxel_mm: f32, config: &Config) -> Vec<Chain> {
     let positions: Vec<_> = corners.iter().map(|c| c.position).collect();
     let grid = Grid::new(&positions, 3.0 * voxel_mm);
-    let mut tracer = Tracer { corners, grid, used: vec![false; corners.len()], voxel_mm, config };
+    let mut tracer = Tracer { corners, grid, model, used: vec![false; corners.len()], voxel_mm, config };
     let mut seeds: Vec<(usize, usize)> = (0..corners.len()).map(|k| (tracer.support(k), k)).collect();
     seeds.sort_unstable_by(|a, b| b.cmp(a));
     let mut chains = Vec::new();
@@ -104,6 +112,7 @@ fn is_ghost(chain: &Chain, others: &[Chain], voxel_mm: f32) -> bool {
 struct Tracer<'a> {
     corners: &'a [Corner],
     grid: Grid,
+    model: &'a Grid,
     used: Vec<bool>,
     voxel_mm: f32,
     config: &'a Config,
@@ -194,7 +203,11 @@ impl Tracer<'_> {
             let next = (1..=self.config.longest_step).find_map(|k| {
                 let ahead = last.position + bend * (step * k as f32);
                 let probe = Link { direction: bend, ..last };
-                self.average(&ahead, &probe).filter(|(l, _)| !self.taken(&l.position))
+                self.average(&ahead, &probe).filter(|(l, _)| {
+                    let way = (&last.position, &l.position);
+                    !self.taken(&l.position)
+                        && !wedge::blocked(self.model, self.voxel_mm, way.0, way.1, &last.faces)
+                })
             });
             let Some((link, _)) = next else { return };
             if (link.position - last.position).dot(&last.direction) < 0.3 * step {

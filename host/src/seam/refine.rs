@@ -8,10 +8,12 @@ use super::chain::Chain;
 use super::face::{self, Fit, Reach, Sample};
 use super::section::{Beside, Frame, beside, near_path};
 use super::smooth::{Curve, Samples};
+use super::stretch;
 use crate::cloud::Merged;
 use crate::normals::median;
-use nalgebra::{Matrix2, Point3, Vector2, Vector3};
+use nalgebra::{Matrix2, Point3, Rotation3, Vector2, Vector3};
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Sizes, in voxels unless named otherwise.
 #[derive(Debug, Clone, Copy)]
@@ -54,6 +56,18 @@ const ACUTE_DEG: f32 = 75.0;
 /// Share of the farthest reach below which a face counts as narrow.
 pub const NARROW: f32 = 0.93;
 
+/// Height off the tangent plane up to which a face's curvature is looked for, voxels; the least that counts, as the
+/// coefficient of `u²`, 1/mm; and over how much of the window it is averaged along the seam.
+const WIDE_GATE: f32 = 2.5;
+const CURVED: f64 = 1e-3;
+const BEND_WIDTH: f64 = 0.9;
+
+/// Where the air between the faces is looked at for walls that end a seam: height off both faces and distance from the
+/// seam, voxels; and the share of the usual number of points of a face that makes a wall.
+const WALL_FROM: f32 = 2.5;
+const WALL_TO: f32 = 7.0;
+const WALL_SHARE: f64 = 0.25;
+
 /// A refined seam.
 #[derive(Debug, Clone)]
 pub struct Refined {
@@ -81,6 +95,17 @@ pub struct Refined {
     pub view_share: Vec<[Vec<f32>; 2]>,
 }
 
+impl Refined {
+    /// Cuts an open or closed seam to some of its stations.
+    pub fn keep(&mut self, stations: Range<usize>) {
+        let whole = stations.len() == self.frames.len();
+        self.frames = self.frames[stations.clone()].to_vec();
+        self.measured = self.measured[stations.clone()].to_vec();
+        self.view_share = self.view_share[stations].to_vec();
+        self.closed &= whole;
+    }
+}
+
 /// Refines a chain; `None` if too little of it is supported by raw points.
 pub fn refine(merged: &Merged, chain: &Chain, voxel_mm: f32, config: &Config) -> Option<Refined> {
     let mut path = Path::new(chain, config.step * voxel_mm)?;
@@ -88,13 +113,15 @@ pub fn refine(merged: &Merged, chain: &Chain, voxel_mm: f32, config: &Config) ->
     let mut near = Vec::new();
     let mut refined = None;
     for round in 0..config.rounds {
-        path.extend(if round == 0 { 2 } else { 4 });
+        let added = if round == 0 { 2 } else { 4 };
+        path.extend(added);
         if round < 2 {
             near = near_path(merged, &path.frames, reach_mm + 4.0 * voxel_mm);
         }
         let section = Section::new(merged, &near, &path, voxel_mm, config, round);
         let stations = section.stations(&path);
-        let outcome = smoothed(&path, &stations, &section, voxel_mm, config)?;
+        let inside = section.before_walls(&stations, &path, added);
+        let outcome = stretch::smoothed(&path, &stations, inside, &section, voxel_mm, config)?;
         path = Path { frames: outcome.frames.clone(), step_mm: outcome.step_mm, closed: path.closed };
         refined = Some(outcome);
     }
@@ -102,15 +129,15 @@ pub fn refine(merged: &Merged, chain: &Chain, voxel_mm: f32, config: &Config) ->
 }
 
 /// Stations at equal steps.
-struct Path {
-    frames: Vec<Frame>,
-    step_mm: f32,
-    closed: bool,
+pub(super) struct Path {
+    pub(super) frames: Vec<Frame>,
+    pub(super) step_mm: f32,
+    pub(super) closed: bool,
 }
 
 impl Path {
     /// A chain, lightly smoothed, at about `step_mm`.
-    fn new(chain: &Chain, step_mm: f32) -> Option<Self> {
+    pub(super) fn new(chain: &Chain, step_mm: f32) -> Option<Self> {
         let rows: Vec<[f64; 9]> = chain
             .links
             .iter()
@@ -127,24 +154,41 @@ impl Path {
         Some(Self { frames, step_mm, closed: chain.closed })
     }
 
-    /// Continues an open path straight on, to find where the seam ends.
-    fn extend(&mut self, stations: usize) {
+    /// Continues an open path, bending on as it bends, to find where the seam ends.
+    pub(super) fn extend(&mut self, stations: usize) {
         if self.closed {
             return;
         }
-        let onward =
-            |f: &Frame, steps: f32| Frame { position: f.position + f.tangent * (steps * self.step_mm), ..*f };
-        let (Some(first), Some(last)) = (self.frames.first().copied(), self.frames.last().copied()) else {
-            return;
-        };
-        let before: Vec<Frame> = (1..=stations).rev().map(|k| onward(&first, -(k as f32))).collect();
-        let after = (1..=stations).map(|k| onward(&last, k as f32));
-        self.frames = before.into_iter().chain(self.frames.iter().copied()).chain(after).collect();
+        let after = onward(&self.frames, self.step_mm, stations);
+        let reversed: Vec<Frame> = self.frames.iter().rev().map(Frame::reversed).collect();
+        let before = onward(&reversed, self.step_mm, stations);
+        let before = before.iter().rev().map(Frame::reversed);
+        self.frames = before.chain(self.frames.iter().copied()).chain(after).collect();
     }
 }
 
+/// Frames after the last of an open path, each turned against the one before as the path turns at its end.
+fn onward(frames: &[Frame], step_mm: f32, stations: usize) -> Vec<Frame> {
+    const LOOK_BACK: usize = 6;
+    let (Some(last), Some(earlier)) =
+        (frames.last().copied(), frames.len().checked_sub(1 + LOOK_BACK).and_then(|k| frames.get(k)))
+    else {
+        return Vec::new();
+    };
+    let turn = Rotation3::rotation_between(&earlier.tangent, &last.tangent).unwrap_or_default();
+    let (step, half) = (turn.powf(1.0 / LOOK_BACK as f32), turn.powf(0.5 / LOOK_BACK as f32));
+    let mut frame = last;
+    let mut after = Vec::with_capacity(stations);
+    for _ in 0..stations {
+        let position = frame.position + half * frame.tangent * step_mm;
+        frame = Frame { position, tangent: step * frame.tangent, faces: frame.faces.map(|n| step * n) };
+        after.push(frame);
+    }
+    after
+}
+
 /// Rows `position, ...` at equal steps of the position's arc length.
-fn resampled(rows: &[[f64; 9]], closed: bool, step_mm: f32) -> (Vec<[f64; 9]>, f32) {
+pub(super) fn resampled(rows: &[[f64; 9]], closed: bool, step_mm: f32) -> (Vec<[f64; 9]>, f32) {
     let mut rows = rows.to_vec();
     if closed {
         rows.push(rows[0]);
@@ -170,31 +214,36 @@ fn resampled(rows: &[[f64; 9]], closed: bool, step_mm: f32) -> (Vec<[f64; 9]>, f
 }
 
 /// Frames of rows `position, face, face`, the tangent by central differences.
-fn frames(rows: &[[f64; 9]], closed: bool) -> Option<Vec<Frame>> {
+pub(super) fn frames(rows: &[[f64; 9]], closed: bool) -> Option<Vec<Frame>> {
     let n = rows.len();
     let place = |k: usize| Point3::new(rows[k][0] as f32, rows[k][1] as f32, rows[k][2] as f32);
     let vector =
         |k: usize, d: usize| Vector3::new(rows[k][d] as f32, rows[k][d + 1] as f32, rows[k][d + 2] as f32);
     (0..n)
         .map(|k| {
-            let (before, after) = if closed {
-                ((k + n - 1) % n, (k + 1) % n)
-            } else {
-                (k.saturating_sub(1), (k + 1).min(n - 1))
+            // At an end the parabola through the last three keeps the tangent of a curved seam.
+            let onward = |a: usize, b: usize, c: usize| (place(b) - place(a)) * 4.0 - (place(c) - place(a));
+            let tangent = match (closed, k) {
+                (true, _) => place((k + 1) % n) - place((k + n - 1) % n),
+                (false, 0) if n > 2 => onward(0, 1, 2),
+                (false, _) if k + 1 == n && n > 2 => -onward(k, k - 1, k - 2),
+                _ => place((k + 1).min(n - 1)) - place(k.saturating_sub(1)),
             };
-            Frame::new(place(k), place(after) - place(before), [vector(k, 3), vector(k, 6)])
+            Frame::new(place(k), tangent, [vector(k, 3), vector(k, 6)])
         })
         .collect()
 }
 
 /// The raw points of a path in its coordinates, by face and along the seam.
-struct Section {
+pub(super) struct Section {
     /// Sorted along the seam.
     points: [Vec<Beside>; 2],
     /// Coefficient of `u²` per face and station.
     bend: [Vec<f64>; 2],
-    reach_mm: [f32; 2],
-    half_mm: f32,
+    /// Where points stand in the air between the faces: along the seam, sorted.
+    walls: Vec<f32>,
+    pub(super) reach_mm: [f32; 2],
+    pub(super) half_mm: f32,
     inner_mm: f32,
     length_mm: f32,
     closed: bool,
@@ -202,13 +251,13 @@ struct Section {
 }
 
 /// What one station measured: correction across the seam, face normals in the cross-section, fits.
-struct Station {
-    across: Vector2<f64>,
-    normals: [Vector2<f64>; 2],
-    fits: [Fit; 2],
+pub(super) struct Station {
+    pub(super) across: Vector2<f64>,
+    pub(super) normals: [Vector2<f64>; 2],
+    pub(super) fits: [Fit; 2],
     /// Points of each face next to the seam and level with the station.
-    present: [usize; 2],
-    view_share: [Vec<f32>; 2],
+    pub(super) present: [usize; 2],
+    pub(super) view_share: [Vec<f32>; 2],
 }
 
 impl Section {
@@ -220,9 +269,14 @@ impl Section {
         let root_mm = voxel_mm * if opening_deg < ACUTE_DEG { config.acute_root } else { config.root };
         let gate_mm = voxel_mm * (1.7 - 0.35 * round as f32).max(1.0);
         let scale = Reach { from_mm: root_mm, inner_mm: 5.4 * voxel_mm, most_mm };
+        let in_air =
+            |p: &&Beside| p.u > 0.0 && p.h > WALL_FROM * voxel_mm && p.u.hypot(p.h) < WALL_TO * voxel_mm;
+        let mut walls: Vec<f32> = all.iter().filter(in_air).map(|p| p.s).collect();
+        walls.sort_unstable_by(f32::total_cmp);
         let mut section = Self {
             points: [Vec::new(), Vec::new()],
             bend: [Vec::new(), Vec::new()],
+            walls,
             reach_mm: [0.0; 2],
             half_mm: config.half * voxel_mm,
             inner_mm: scale.inner_mm,
@@ -233,25 +287,59 @@ impl Section {
         for face in 0..2 {
             let mine = |p: &&Beside| {
                 usize::from(p.face) == face
-                    && p.h.abs() < gate_mm
+                    && p.h.abs() < gate_mm.max(WIDE_GATE * voxel_mm)
                     && p.u > root_mm
                     && p.u < most_mm
                     && p.incidence_cos > 0.1
             };
-            let mut points: Vec<Beside> = all.iter().filter(mine).copied().collect();
-            section.reach_mm[face] = face::reach(&points, &scale);
-            points.retain(|p| p.u < section.reach_mm[face]);
-            points.sort_unstable_by(|a, b| a.s.total_cmp(&b.s));
-            section.points[face] = points;
+            let mut wide: Vec<Beside> = all.iter().filter(mine).copied().collect();
+            let flat: Vec<Beside> = wide.iter().filter(|p| p.h.abs() < gate_mm).copied().collect();
+            let reach_mm = face::reach(&flat, &scale);
+            section.reach_mm[face] = reach_mm;
+            wide.retain(|p| p.u < reach_mm);
+            wide.sort_unstable_by(|a, b| a.s.total_cmp(&b.s));
+            section.points[face] = wide;
             // Bevels are flat across, and too narrow to tell curvature from the rounding of their lips.
-            let bevel = opening_deg < ACUTE_DEG && section.reach_mm[face] < NARROW * most_mm;
-            section.bend[face] = if bevel { vec![0.0; path.frames.len()] } else { section.bends(path, face) };
+            let bevel = opening_deg < ACUTE_DEG && reach_mm < NARROW * most_mm;
+            let mut bend = vec![0.0; path.frames.len()];
+            if !bevel {
+                bend = section.bends(path, face);
+            }
+            let curved = bend.iter().any(|b| b.abs() > CURVED);
+            // A gate about the tangent plane would cut the far points of a curved face, and flatten it.
+            let last = bend.len() - 1;
+            section.points[face].retain(|p| {
+                let station = ((p.s / path.step_mm).round().max(0.0) as usize).min(last);
+                (p.h - bend[station] as f32 * p.u * p.u).abs() < gate_mm
+            });
+            section.bend[face] = if curved { section.bends(path, face) } else { bend };
         }
-        if section.bend.iter().flatten().any(|b| b.abs() > 1e-3) {
+        if section.bend.iter().flatten().any(|b| b.abs() > CURVED) {
             let limit = config.curved_reach * voxel_mm;
             section.points.iter_mut().for_each(|points| points.retain(|p| p.u < limit));
         }
         section
+    }
+
+    /// Points of two layers, sorted along the seam, instead of points of two faces that meet in it.
+    pub(super) fn of_layers(
+        points: [Vec<Beside>; 2],
+        path: &Path,
+        reach_mm: [f32; 2],
+        half_mm: f32,
+        views: usize,
+    ) -> Self {
+        Self {
+            points,
+            bend: [Vec::new(), Vec::new()],
+            walls: Vec::new(),
+            reach_mm,
+            half_mm,
+            inner_mm: f32::MAX,
+            length_mm: path.step_mm * path.frames.len() as f32,
+            closed: path.closed,
+            views,
+        }
     }
 
     /// Points of a face within the window about `s`, with their distance along the seam from it.
@@ -271,7 +359,7 @@ impl Section {
         found
     }
 
-    fn samples(&self, face: usize, s: f32) -> Vec<Sample> {
+    pub(super) fn samples(&self, face: usize, s: f32) -> Vec<Sample> {
         let half = f64::from(self.half_mm);
         let sample = |(p, d): (&Beside, f32)| {
             let d = f64::from(d);
@@ -301,7 +389,7 @@ impl Section {
         if raw.iter().flatten().count() < 5 {
             return vec![0.0; n];
         }
-        let width = 2.0 * f64::from(self.half_mm);
+        let width = BEND_WIDTH * f64::from(self.half_mm);
         let smooth: Vec<f64> = (0..n)
             .map(|k| {
                 let (mut sum, mut weights) = (0.0, 0.0);
@@ -321,7 +409,7 @@ impl Section {
             .collect();
         let mut misses: Vec<f64> =
             raw.iter().zip(&smooth).filter_map(|(r, s)| Some((r.as_ref()? - s).abs())).collect();
-        let deviation = 1.4826 * median(&mut misses) / 2.5f64.sqrt() + 2e-4;
+        let deviation = 1.4826 * median(&mut misses) + 2.5e-4;
         let keep = |b: f64| b * (1.0 - (2.5 * deviation / b.abs().max(1e-12)).powi(2)).max(0.0);
         smooth.into_iter().map(keep).collect()
     }
@@ -360,7 +448,7 @@ impl Section {
     }
 
     /// Rows of an open seam, the first of which is at `start_mm` along it, cut to where both faces have points.
-    fn trim(&self, rows: Vec<[f64; 9]>, start_mm: f32, step_mm: f32) -> Vec<[f64; 9]> {
+    pub(super) fn trim(&self, rows: Vec<[f64; 9]>, start_mm: f32, step_mm: f32) -> Vec<[f64; 9]> {
         let near = |f: usize| self.points[f].iter().filter(|p| p.u < self.inner_mm).map(|p| p.s);
         let (mut low, mut high) = (f32::MIN, f32::MAX);
         for f in 0..2 {
@@ -388,7 +476,29 @@ impl Section {
         std::iter::once(between(from)).chain(inner).chain([between(to)]).collect()
     }
 
-    fn view_share(&self, face: usize, s: f32) -> Vec<f32> {
+    /// Stations up to the walls that an open path ran into while `added` stations were put to each end.
+    fn before_walls(&self, stations: &[Option<Station>], path: &Path, added: usize) -> Range<usize> {
+        let n = stations.len();
+        let all = 0..n;
+        if self.closed || self.walls.is_empty() {
+            return all;
+        }
+        let mut usual: Vec<f64> =
+            stations.iter().flatten().map(|s| 0.5 * (s.present[0] + s.present[1]) as f64).collect();
+        let least = WALL_SHARE * median(&mut usual);
+        let is_wall = |k: usize| {
+            let s = k as f32 * path.step_mm;
+            let from = self.walls.partition_point(|w| *w < s - path.step_mm);
+            let to = self.walls.partition_point(|w| *w <= s + path.step_mm);
+            (to - from) as f64 > least
+        };
+        let zone = (added + 2).min(n / 2);
+        let first = (0..zone).rev().find(|&k| is_wall(k)).unwrap_or(0);
+        let last = (n - zone..n).find(|&k| is_wall(k)).unwrap_or(n - 1);
+        first..last + 1
+    }
+
+    pub(super) fn view_share(&self, face: usize, s: f32) -> Vec<f32> {
         let mut share = vec![0.0; self.views];
         for (p, _) in self.window(face, s) {
             share[usize::from(p.view)] += 1.0;
@@ -399,7 +509,7 @@ impl Section {
 }
 
 /// Axes of the cross-section: `o = m × n`, `n`.
-fn cross_section(frame: &Frame) -> (Vector3<f32>, Vector3<f32>) {
+pub(super) fn cross_section(frame: &Frame) -> (Vector3<f32>, Vector3<f32>) {
     let n = frame.bisector();
     (frame.tangent.cross(&n), n)
 }
@@ -423,144 +533,4 @@ fn intersect(frame: &Frame, fits: &[Fit; 2]) -> Option<(Vector2<f64>, [Vector2<f
         x -= Matrix2::from_rows(&[rows[0].transpose(), rows[1].transpose()]).try_inverse()? * miss;
     }
     Some((x, [rows[0].try_normalize(1e-9)?, rows[1].try_normalize(1e-9)?]))
-}
-
-/// Stations without outliers, in one stretch, smoothed.
-fn smoothed(
-    path: &Path,
-    stations: &[Option<Station>],
-    section: &Section,
-    voxel_mm: f32,
-    config: &Config,
-) -> Option<Refined> {
-    let good = trusted(&present(stations), voxel_mm);
-    let longest_gap = (config.gap * voxel_mm / path.step_mm) as usize;
-    let (from, to) = if path.closed { (0, good.len()) } else { longest_run(&good, longest_gap)? };
-    let kept = &stations[from..to];
-    let good = &good[from..to];
-    if good.iter().filter(|g| **g).count() < 6 {
-        return None;
-    }
-    let mut places = Vec::with_capacity(kept.len());
-    let mut normals = Vec::with_capacity(kept.len());
-    let mut weights = Vec::with_capacity(kept.len());
-    for (k, station) in kept.iter().enumerate() {
-        let frame = &path.frames[from + k];
-        let (o, n) = cross_section(frame);
-        let lift = |v: &Vector2<f64>| (o * v.x as f32 + n * v.y as f32).cast::<f64>();
-        let (place, faces) = match station {
-            Some(s) if good[k] => (lift(&s.across), [lift(&s.normals[0]), lift(&s.normals[1])]),
-            _ => (Vector3::zeros(), frame.faces.map(|f| f.cast())),
-        };
-        let p = frame.position.coords.cast::<f64>() + place;
-        places.push([p.x, p.y, p.z]);
-        normals.push([faces[0].x, faces[0].y, faces[0].z, faces[1].x, faces[1].y, faces[1].z]);
-        let one_sided = station.as_ref().map_or(0.0, |s| {
-            let balance = s.fits.iter().map(|f| f.support.1.min(-f.support.0)).fold(f64::MAX, f64::min);
-            if path.closed {
-                1.0
-            } else {
-                (balance / f64::from(section.half_mm)).clamp(0.0, 1.0).powi(2).max(0.03)
-            }
-        });
-        weights.push(if good[k] { one_sided } else { 0.0 });
-    }
-    let step_mm = f64::from(path.step_mm);
-    let block_mm = f64::from(2.0 * section.half_mm);
-    let line = Samples { values: &places, weights: &weights, step_mm, closed: path.closed };
-    let tilt = Samples { values: &normals, weights: &weights, step_mm, closed: path.closed };
-    let curve = line.stiffest(block_mm);
-    let smooth_places = line.smooth(curve);
-    let freedom = curve.freedom(step_mm * places.len() as f64, step_mm);
-    let smooth_normals = tilt.smooth(tilt.stiffest(block_mm));
-    let rows: Vec<[f64; 9]> = smooth_places
-        .iter()
-        .zip(&smooth_normals)
-        .map(|(p, n)| [p[0], p[1], p[2], n[0], n[1], n[2], n[3], n[4], n[5]])
-        .collect();
-    let rows = if path.closed { rows } else { section.trim(rows, from as f32 * path.step_mm, path.step_mm) };
-    let (rows, new_step_mm) = resampled(&rows, path.closed, path.step_mm);
-    let frames = frames(&rows, path.closed)?;
-    let misses = |curve: &[[f64; 3]]| -> f64 {
-        let mut d: Vec<f64> = curve
-            .iter()
-            .zip(&places)
-            .zip(good)
-            .filter(|(_, g)| **g)
-            .map(|((a, b), _)| (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt())
-            .collect();
-        median(&mut d)
-    };
-    let scatter_mm = misses(&smooth_places);
-    let fits = || kept.iter().flatten().flat_map(|s| s.fits);
-    let sigma_mm = median(&mut fits().map(|f| f.sigma).collect::<Vec<_>>());
-    let tilt_rad = median(&mut fits().map(|f| f.sigma * (5.5 * f.slope_variance).sqrt()).collect::<Vec<_>>());
-    // Shares are indexed by old stations; after resampling the nearest serves.
-    let shares: Vec<[Vec<f32>; 2]> = (0..frames.len())
-        .map(|k| {
-            let old = (k * kept.len() / frames.len()).min(kept.len() - 1);
-            let near = (0..kept.len()).filter(|&j| kept[j].is_some()).min_by_key(|&j| j.abs_diff(old));
-            near.and_then(|j| kept[j].as_ref()).map(|s| s.view_share.clone()).unwrap_or_default()
-        })
-        .collect();
-    let measured =
-        (0..frames.len()).map(|k| good[(k * good.len() / frames.len()).min(good.len() - 1)]).collect();
-    Some(Refined {
-        frames,
-        step_mm: new_step_mm,
-        closed: path.closed,
-        measured,
-        sigma_mm,
-        scatter_mm,
-        tilt_rad,
-        reach_mm: section.reach_mm,
-        window_mm: 2.0 * section.half_mm * 0.6,
-        freedom,
-        view_share: shares,
-    })
-}
-
-/// Stations that have a fair share of points on both faces; the rest is beyond the end of the seam, or in a gap.
-fn present(stations: &[Option<Station>]) -> Vec<Option<&Station>> {
-    const FAIR_SHARE: f64 = 0.25;
-    let usual = |f: usize| {
-        let mut counts: Vec<f64> = stations.iter().flatten().map(|s| s.present[f] as f64).collect();
-        median(&mut counts)
-    };
-    let least = [FAIR_SHARE * usual(0), FAIR_SHARE * usual(1)];
-    let fair =
-        |s: &&Station| s.present[0] as f64 >= least[0].max(1.0) && s.present[1] as f64 >= least[1].max(1.0);
-    stations.iter().map(|s| s.as_ref().filter(fair)).collect()
-}
-
-/// Stations whose correction is near that of their neighbours.
-fn trusted(stations: &[Option<&Station>], voxel_mm: f32) -> Vec<bool> {
-    let far = 3.3 * f64::from(voxel_mm);
-    let mut good: Vec<bool> =
-        stations.iter().map(|s| s.as_ref().is_some_and(|s| s.across.norm() < far)).collect();
-    for axis in 0..2 {
-        let index: Vec<usize> = (0..good.len()).filter(|&k| good[k]).collect();
-        let value: Vec<f64> = index.iter().map(|&k| stations[k].map_or(0.0, |s| s.across[axis])).collect();
-        let running: Vec<f64> = (0..value.len())
-            .map(|k| median(&mut value[k.saturating_sub(4)..(k + 5).min(value.len())].to_vec()))
-            .collect();
-        let mut misses: Vec<f64> = value.iter().zip(&running).map(|(v, r)| (v - r).abs()).collect();
-        let limit = (0.3 * f64::from(voxel_mm)).max(5.0 * 1.4826 * median(&mut misses.clone()));
-        for (&k, miss) in index.iter().zip(misses.drain(..)) {
-            good[k] &= miss <= limit;
-        }
-    }
-    good
-}
-
-/// The longest stretch of good stations whose gaps are at most `gap` stations long.
-fn longest_run(good: &[bool], gap: usize) -> Option<(usize, usize)> {
-    let mut runs: Vec<(usize, usize)> = Vec::new();
-    for k in (0..good.len()).filter(|&k| good[k]) {
-        match runs.last_mut() {
-            Some(run) if k - run.1 <= gap + 1 => run.1 = k,
-            _ => runs.push((k, k)),
-        }
-    }
-    runs.into_iter().map(|(a, b)| (a, b + 1)).max_by_key(|(a, b)| b - a)
 }

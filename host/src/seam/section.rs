@@ -24,6 +24,11 @@ impl Frame {
         Some(Self { position, tangent: t, faces: [square(faces[0])?, square(faces[1])?] })
     }
 
+    /// The same place, seen by a weld that runs the other way.
+    pub fn reversed(&self) -> Self {
+        Self { tangent: -self.tangent, ..*self }
+    }
+
     /// In-face direction from the seam into each face.
     pub fn into_faces(&self) -> [Vector3<f32>; 2] {
         [0, 1].map(|k| {

@@ -13,30 +13,34 @@ const FOLDS: usize = 4;
 /// A stiffer curve is taken when its validation error is within this factor of the best.
 const CLOSE: f64 = 1.06;
 
-/// Harmonics that are tried on loops, most first: a tube on a flat or round face is a low one, and needs no penalty that shrinks it.
+/// Shapes that no penalty shrinks, richest first: harmonics of a loop, as a tube on a flat or round face is a low one, and
+/// degrees of an open curve, as a short arc is nearly a parabola.
 const HARMONICS: [usize; 4] = [6, 4, 2, 1];
+const DEGREES: [usize; 2] = [3, 2];
+/// From here on a spline is stiffer than any of these shapes.
+const STRAIGHT: f64 = 1e8;
 
 /// What a curve is made of, from soft to stiff.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Curve {
     /// Penalised by a stiffness, mm³ per unit weight.
     Spline(f64),
-    /// A closed curve of so many harmonics of its length.
-    Harmonic(usize),
+    /// So many harmonics of a closed curve's length, or a polynomial of this degree along an open one.
+    Shape(usize),
     /// The same, and a spline for what they leave over, which is then too small to be shrunk much.
     Both(usize, f64),
 }
 
 impl Curve {
     /// Effective number of free parameters per coordinate over a length.
-    pub fn freedom(self, length_mm: f64, step_mm: f64) -> f64 {
+    pub fn freedom(self, closed: bool, length_mm: f64, step_mm: f64) -> f64 {
         match self {
             // A smoothing spline bends over lengths of about the fourth root of its stiffness per weight.
             Self::Spline(stiffness) => {
                 2.0 + length_mm / (std::f64::consts::PI * (stiffness * step_mm).powf(0.25))
             }
-            Self::Harmonic(most) => 1.0 + 2.0 * most as f64,
-            Self::Both(_, stiffness) => Self::Spline(stiffness).freedom(length_mm, step_mm),
+            Self::Shape(most) => terms(closed, most) as f64,
+            Self::Both(_, stiffness) => Self::Spline(stiffness).freedom(closed, length_mm, step_mm),
         }
     }
 }
@@ -63,10 +67,18 @@ impl<const D: usize> Samples<'_, D> {
     pub fn stiffest(&self, block_mm: f64) -> Curve {
         let n = self.values.len();
         let fitting = ((block_mm / self.step_mm).ceil() as usize).min(n / 6).max(1);
-        let splines = STIFFNESS.iter().map(|&s| Curve::Spline(s));
-        let mixed = [1e3, 1e4, 1e5].map(|s| Curve::Both(HARMONICS[1], s));
-        let loops = mixed.into_iter().chain(HARMONICS.map(Curve::Harmonic)).filter(|_| self.closed);
-        let curves: Vec<Curve> = splines.chain(loops).collect();
+        let splines = |straight: bool| {
+            STIFFNESS.into_iter().filter(move |s| (*s > STRAIGHT) == straight).map(Curve::Spline)
+        };
+        let (shapes, base) =
+            if self.closed { (&HARMONICS[..], HARMONICS[1]) } else { (&DEGREES[..], DEGREES[0]) };
+        let mixed = [1e3, 1e4, 1e5].map(|s| Curve::Both(base, s));
+        let shaped = mixed.into_iter().chain(shapes.iter().map(|&most| Curve::Shape(most)));
+        let curves: Vec<Curve> = if self.closed {
+            splines(false).chain(splines(true)).chain(shaped).collect()
+        } else {
+            splines(false).chain(shaped).chain(splines(true)).collect()
+        };
         let misses: Vec<Vec<Miss>> = curves.iter().map(|&c| self.misses(c, fitting)).collect();
         // Large misses are outliers, not evidence; one bound for all, or soft curves would hide theirs.
         let middle =
@@ -113,9 +125,9 @@ impl<const D: usize> Samples<'_, D> {
     fn solve(&self, weights: &[f64], curve: Curve) -> Vec<[f64; D]> {
         let n = self.values.len();
         let stiffness = match curve {
-            Curve::Harmonic(most) => return harmonic(self.values, weights, most),
+            Curve::Shape(most) => return shape(self.values, weights, self.closed, most),
             Curve::Both(most, stiffness) => {
-                let base = harmonic(self.values, weights, most);
+                let base = shape(self.values, weights, self.closed, most);
                 let minus = |(y, b): (&[f64; D], &[f64; D])| std::array::from_fn(|d| y[d] - b[d]);
                 let left: Vec<[f64; D]> = self.values.iter().zip(&base).map(minus).collect();
                 let rest = Samples { values: &left, ..*self }.solve(weights, Curve::Spline(stiffness));
@@ -162,12 +174,19 @@ fn no_worse(errors: &[f64], best: &[f64]) -> bool {
     mean <= (variance / n).sqrt().max((CLOSE - 1.0) * total)
 }
 
-/// Weighted least squares by the first harmonics of a loop's length; the values themselves where that has no solution.
-fn harmonic<const D: usize>(values: &[[f64; D]], weights: &[f64], most: usize) -> Vec<[f64; D]> {
-    let terms = 1 + 2 * most;
+/// Number of coefficients of a shape.
+fn terms(closed: bool, most: usize) -> usize {
+    if closed { 1 + 2 * most } else { 1 + most }
+}
+
+/// Weighted least squares by a shape; the values themselves where that has no solution.
+fn shape<const D: usize>(values: &[[f64; D]], weights: &[f64], closed: bool, most: usize) -> Vec<[f64; D]> {
+    let terms = terms(closed, most);
     let row = |k: usize| {
-        let angle = std::f64::consts::TAU * k as f64 / values.len() as f64;
+        let share = k as f64 / values.len() as f64;
+        let angle = std::f64::consts::TAU * share;
         DVector::from_fn(terms, |t, _| match t {
+            t if !closed => (2.0 * share - 1.0).powi(t as i32),
             0 => 1.0,
             t if t % 2 == 1 => (angle * t.div_ceil(2) as f64).cos(),
             t => (angle * (t / 2) as f64).sin(),
@@ -273,10 +292,25 @@ mod tests {
         let samples = Samples { values: &circle, weights: &weights, step_mm: 2.0, closed: true };
         let round = samples.stiffest(10.0);
         assert!(matches!(stiff, Curve::Spline(s) if s >= 1e7), "{stiff:?}");
-        assert!(matches!(round, Curve::Harmonic(_)), "{round:?}");
+        assert!(matches!(round, Curve::Shape(_)), "{round:?}");
         let shrink: f64 =
             samples.smooth(round).iter().map(|p| radius - p[0].hypot(p[1])).sum::<f64>() / n as f64;
         assert!(shrink.abs() < 0.02, "{shrink}");
+    }
+
+    #[test]
+    fn a_short_arc_keeps_its_sagitta_to_its_ends() {
+        let n = 25;
+        let arc: Vec<[f64; 2]> = (0..n)
+            .map(|k| {
+                let (sin, cos) = (2.0 * k as f64 / 40.0).sin_cos();
+                [40.0 * sin + 0.1 * noise(k), 40.0 * cos + 0.1 * noise(k + 99)]
+            })
+            .collect();
+        let samples = Samples { values: &arc, weights: &vec![1.0; n], step_mm: 2.0, closed: false };
+        let curve = samples.smooth(samples.stiffest(20.0));
+        let worst = curve.iter().map(|p| (p[0].hypot(p[1]) - 40.0).abs()).fold(0.0, f64::max);
+        assert!(worst < 0.15, "{worst} mm off the arc");
     }
 
     #[test]

@@ -5,15 +5,24 @@
 
 use crate::downsampling::Voxels;
 use crate::normals::Moments;
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Matrix2, Point3, Vector2, Vector3};
 
 /// Least share of all points that the support holds.
 const LEAST_SHARE: f32 = 0.15;
 /// Largest share of all points that may lie behind it.
 const MOST_BEHIND: f32 = 0.01;
 
+/// Standard deviations beyond which points are left out of the second fit, and what of a normal scatter then remains.
+const TRIM: f32 = 2.0;
+const TRIMMED: f32 = 1.0 / 0.88;
+
 /// Largest half thickness of a table, voxels.
 const FLAT_VOXELS: f32 = 2.5;
+
+/// Largest share of the spread of a table's normals that goes with the place: noise leaves none, a tube nearly all.
+const MOST_CURVED: f32 = 0.4;
+/// Spread of the normals, as a mean squared sine, below which a surface is flat however it is spread.
+const FLAT_SPREAD: f32 = 0.004;
 
 /// A plane and how far its points scatter.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -78,21 +87,57 @@ fn along(voxels: &Voxels, direction: &Vector3<f32>) -> Option<Support> {
         let best =
             (peak..(peak + 3).min(histogram.len() - 1)).max_by_key(|&b| histogram[b] + histogram[b + 1])?;
         let middle = low + (best + 1) as f32 * bin_mm;
-        let mut moments = Moments::default();
-        for k in (0..voxels.cloud.len()).filter(|&k| facing(k) && (height(k) - middle).abs() < bin_mm) {
-            moments.add(voxels.cloud.points_mm[k].coords - normal * middle);
-        }
-        let plane = moments.plane();
-        let up = if plane.normal.dot(&normal) < 0.0 { -plane.normal } else { plane.normal };
-        let offset_mm = up.dot(&(plane.mean + normal * middle));
+        let fitted = |axis: &Vector3<f32>, middle: f32, within: f32| {
+            let mut moments = Moments::default();
+            for k in (0..voxels.cloud.len()).filter(|&k| facing(k)) {
+                let p = &voxels.cloud.points_mm[k].coords;
+                if (axis.dot(p) - middle).abs() < within {
+                    moments.add(p - axis * middle);
+                }
+            }
+            let plane = moments.plane();
+            let up = if plane.normal.dot(axis) < 0.0 { -plane.normal } else { plane.normal };
+            (up, up.dot(&(plane.mean + axis * middle)), plane.variance_mm2.sqrt(), moments.count)
+        };
+        let (up, offset_mm, sigma_mm, _) = fitted(&normal, middle, bin_mm);
+        // Once more without what is not of the plane: another layer within the bin would thicken it.
+        let within = (TRIM * sigma_mm).max(0.5 * voxels.edge_mm);
+        let (up, offset_mm, sigma_mm, count) = fitted(&up, offset_mm, within);
         normal = up;
-        let half_mm = (3.0 * plane.variance_mm2.sqrt()).max(voxels.edge_mm);
-        found = Some(Support { normal, offset_mm, half_mm, share: moments.count / total });
+        let half_mm = (3.0 * TRIMMED * sigma_mm).max(voxels.edge_mm);
+        found = Some(Support { normal, offset_mm, half_mm, share: count / total });
     }
     let support = found?;
     let behind =
         voxels.cloud.points_mm.iter().filter(|p| support.height_mm(p) < -3.0 * support.half_mm).count();
     // A curved or rough surface is no table.
-    let flat = support.half_mm <= FLAT_VOXELS * voxels.edge_mm;
+    let flat = support.half_mm <= FLAT_VOXELS * voxels.edge_mm && !is_curved(voxels, &support);
     (flat && support.share > LEAST_SHARE && behind as f32 <= MOST_BEHIND * total).then_some(support)
+}
+
+/// Whether the normals of a support's points turn with their place on it, as on a tube.
+fn is_curved(voxels: &Voxels, support: &Support) -> bool {
+    let across = support.normal.cross(&Vector3::new(support.normal.z, support.normal.x, support.normal.y));
+    let Some(a) = across.try_normalize(1e-3) else { return false };
+    let b = support.normal.cross(&a);
+    let rows = || {
+        let both = voxels.cloud.points_mm.iter().zip(&voxels.cloud.normals);
+        both.filter(|(p, n)| n.dot(&support.normal) > 0.9 && support.height_mm(p).abs() < support.half_mm)
+            .map(|(p, n)| {
+                (Vector2::new(p.coords.dot(&a), p.coords.dot(&b)), Vector2::new(n.dot(&a), n.dot(&b)))
+            })
+    };
+    let count = rows().count().max(1) as f32;
+    let sum = rows().fold((Vector2::zeros(), Vector2::zeros()), |s, r| (s.0 + r.0, s.1 + r.1));
+    let (place, tilt) = (sum.0 / count, sum.1 / count);
+    let (mut places, mut crossed, mut spread) = (Matrix2::zeros(), Matrix2::zeros(), 0.0);
+    for (p, n) in rows() {
+        let (p, n) = (p - place, n - tilt);
+        places += p * p.transpose();
+        crossed += n * p.transpose();
+        spread += n.norm_squared();
+    }
+    let Some(inverse) = places.try_inverse() else { return false };
+    let explained = (crossed * inverse * crossed.transpose()).trace();
+    spread > FLAT_SPREAD * count && explained > MOST_CURVED * spread
 }

@@ -3,20 +3,20 @@
 use std::io;
 use std::time::{Duration, Instant};
 
+use weldpath::serial::Line;
 use weldpath_core::sender::{self, Notice, Sender};
-use weldpath_core::tasks::{Tasks, Workspace};
 use weldpath_core::wire::frame::{self, Received};
 use weldpath_core::wire::{
     Answer, Command, FromPendant, HelloRefusal, HelloRefused, MAX_HOST_FRAME, PendantDeframer,
     PendantMessage, Sample, Telemetry, Waypoint,
 };
 
-use super::{PATIENCE, Port};
+use super::PATIENCE;
 use crate::adversary::Random;
 
 /// The host end with everything it was told.
 pub struct Client {
-    port: Box<dyn Port>,
+    line: Line,
     /// The protocol's host end.
     pub sender: Sender,
     bytes: PendantDeframer,
@@ -32,9 +32,9 @@ pub struct Client {
 
 impl Client {
     /// A host that has not said anything.
-    pub fn new(port: Box<dyn Port>) -> Self {
+    pub fn new(line: Line) -> Self {
         Self {
-            port,
+            line,
             sender: Sender::new(&sender::Config::default()),
             bytes: PendantDeframer::new(),
             begin: Instant::now(),
@@ -92,7 +92,7 @@ impl Client {
                 return Ok(found.why);
             }
         }
-        Err(io::ErrorKind::TimedOut.into())
+        Err(io::Error::other(format!("waited for a refusal of {nonce:x}; seen {:?}", self.refused)))
     }
 
     /// Goes on until the state satisfies `wanted`.
@@ -133,7 +133,7 @@ impl Client {
             self.write(&mut frame[..length])?;
         }
         let mut buffer = [0; 512];
-        let count = match self.port.read(&mut buffer) {
+        let count = match self.line.reader.read(&mut buffer) {
             Err(e) if matches!(e.kind(), io::ErrorKind::TimedOut | io::ErrorKind::WouldBlock) => 0,
             other => other?,
         };
@@ -160,7 +160,7 @@ impl Client {
     /// Bytes as they are, damaged like all others.
     pub fn write(&mut self, bytes: &mut [u8]) -> io::Result<()> {
         damage(&mut self.damage, bytes);
-        self.port.write_all(bytes)
+        self.line.writer.write_all(bytes)
     }
 
     fn now_us(&self) -> u64 {
@@ -174,26 +174,5 @@ fn damage(how: &mut Option<(Random, f64)>, bytes: &mut [u8]) {
         if random.chance(*probability) {
             *byte ^= 1 << random.below(8);
         }
-    }
-}
-
-/// The host's own answers to the tasks that it gives to the pendant.
-#[derive(Default)]
-pub struct Twin {
-    tasks: Tasks,
-    workspace: Box<Workspace>,
-}
-
-impl Twin {
-    /// What the pendant has to answer; none for commands that are no computation.
-    pub fn answer(&mut self, command: &Command) -> Option<Answer> {
-        use weldpath_core::pendant::Task;
-        let task = match command {
-            Command::SetJog(jog) => Task::Jog(*jog),
-            Command::HandFrame(hands) => Task::HandFrame(*hands),
-            Command::Score(patch) => Task::Score(patch.clone()),
-            _ => return None,
-        };
-        Some(self.tasks.perform(&task, &mut self.workspace))
     }
 }

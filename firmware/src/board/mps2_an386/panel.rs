@@ -18,7 +18,16 @@ use crate::board::{Inputs, Outputs, ResetCause, stack_used_bytes};
 /// Outputs off, no clock.
 pub const ALL_OFF: u8 = 0xe0;
 
-static STATE: AtomicU8 = AtomicU8::new(0x41);
+const ESTOP: u8 = 1;
+const ENABLE: u8 = 1 << 1;
+const RESET: u8 = 1 << 2;
+/// Nothing heard.
+const UNKNOWN: u8 = ESTOP;
+
+static STATE: AtomicU8 = AtomicU8::new(UNKNOWN);
+/// Levels that a tick must see although they have passed: on a busy host QEMU hands over a press and its release at
+/// once. Stop and reset if they were pressed since the last tick, the enabling switch if it was released.
+static PASSED: AtomicU8 = AtomicU8::new(0);
 /// What the lamps show; none of the codes at first, so that the first tick reports.
 static SHOWN: AtomicU8 = AtomicU8::new(0);
 static WAITING: Mutex<RefCell<Deque<u8, 96>>> = Mutex::new(RefCell::new(Deque::new()));
@@ -27,7 +36,10 @@ static HANG: AtomicBool = AtomicBool::new(false);
 /// A byte from the panel.
 pub fn received(byte: u8) {
     match byte {
-        0x40..=0x5f => STATE.store(byte, Relaxed),
+        0x40..=0x5f => {
+            STATE.store(byte, Relaxed);
+            PASSED.fetch_or(byte & (ESTOP | RESET) | !byte & ENABLE, Relaxed);
+        }
         b'?' => {
             report(0xb0, stack_used_bytes());
         }
@@ -40,11 +52,23 @@ pub fn received(byte: u8) {
     }
 }
 
-/// The inputs as the panel last told them.
+/// Whether the panel has said anything since the start.
+pub fn is_heard() -> bool {
+    STATE.load(Relaxed) != UNKNOWN
+}
+
+/// The inputs as the panel told them since the last tick, for the tick alone.
 pub fn inputs() -> Inputs {
-    let state = STATE.load(Relaxed);
-    let is = |bit: u8| state & 1 << bit != 0;
-    Inputs { estop: is(0), enable: is(1), reset: is(2), established: is(3), manual: is(4) }
+    let passed = PASSED.swap(0, Relaxed);
+    let state = (STATE.load(Relaxed) | passed & (ESTOP | RESET)) & !(passed & ENABLE);
+    let is = |bit: u8| state & bit != 0;
+    Inputs {
+        estop: is(ESTOP),
+        enable: is(ENABLE),
+        reset: is(RESET),
+        established: is(1 << 3),
+        manual: is(1 << 4),
+    }
 }
 
 /// Drives the lamps: a report when they change. If it finds no room, the next tick tries again.

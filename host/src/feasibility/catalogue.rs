@@ -1,0 +1,119 @@
+//! The arms that are known by name: lengths, joint limits and joint speeds, as their makers publish them.
+//!
+//! Universal Robots: the maker's article on DH parameters, and its data sheets. ABB, KUKA, FANUC: the URDFs and OPW parameters
+//! of ROS-Industrial (joint angles count as there). Another spherical-wrist arm is given by its OPW parameters in the job file.
+
+use super::arm::{Arm, Kinematics, Limits};
+use super::offset_wrist::OffsetWrist;
+use super::spherical_wrist::{Opw, SphericalWrist};
+
+/// Names that [`super::arm::by_name`] knows.
+pub const NAMES: &[&str] = &[
+    "ur3",
+    "ur5",
+    "ur10",
+    "ur3e",
+    "ur5e",
+    "ur10e",
+    "ur16e",
+    "ur20",
+    "ur30",
+    "abb-irb1600-10-145",
+    "abb-irb2600-12-165",
+    "kuka-kr10-r1420",
+    "fanuc-m10ia",
+];
+
+/// The arm of this name.
+pub(super) fn named(name: &'static str) -> Option<Arm> {
+    universal_robots(name).or_else(|| spherical(name))
+}
+
+/// `d1, a2, a3, d4, d5, d6` in mm and the joint speeds in degrees per second.
+fn universal_robots(name: &'static str) -> Option<Arm> {
+    let slow = [120.0, 120.0, 180.0, 180.0, 180.0, 180.0];
+    let ([d1_mm, a2_mm, a3_mm, d4_mm, d5_mm, d6_mm], speeds_deg_s) = match name {
+        "ur3" => ([151.9, -243.65, -213.25, 112.35, 85.35, 81.9], [180.0, 180.0, 180.0, 360.0, 360.0, 360.0]),
+        "ur5" => ([89.159, -425.0, -392.25, 109.15, 94.65, 82.3], [180.0; 6]),
+        "ur10" => ([127.3, -612.0, -572.3, 163.941, 115.7, 92.2], slow),
+        "ur3e" => {
+            ([151.85, -243.55, -213.2, 131.05, 85.35, 92.1], [180.0, 180.0, 180.0, 360.0, 360.0, 360.0])
+        }
+        "ur5e" => ([162.5, -425.0, -392.2, 133.3, 99.7, 99.6], [180.0; 6]),
+        "ur10e" => ([180.7, -612.7, -571.55, 174.15, 119.85, 116.55], slow),
+        "ur16e" => ([180.7, -478.4, -360.0, 174.15, 119.85, 116.55], slow),
+        "ur20" => ([236.3, -862.0, -728.7, 201.0, 159.3, 154.3], [120.0, 120.0, 150.0, 210.0, 210.0, 210.0]),
+        "ur30" => ([236.3, -637.0, -503.7, 201.0, 159.3, 154.3], [120.0, 120.0, 150.0, 210.0, 210.0, 210.0]),
+        _ => return None,
+    };
+    let kinematics = Kinematics::OffsetWrist(OffsetWrist { d1_mm, a2_mm, a3_mm, d4_mm, d5_mm, d6_mm });
+    Some(Arm { name: name.into(), kinematics, limits: Limits::degrees([[-360.0, 360.0]; 6], speeds_deg_s) })
+}
+
+fn spherical(name: &'static str) -> Option<Arm> {
+    let elbow = [0.0, 0.0, -90.0, 0.0, 0.0, 0.0];
+    let (lengths, offsets_deg, signs, limits_deg, speeds_deg_s) = match name {
+        "abb-irb1600-10-145" => (
+            [150.0, 0.0, 0.0, 486.5, 700.0, 600.0, 65.0],
+            elbow,
+            [1; 6],
+            [
+                [-180.0, 180.0],
+                [-90.0, 150.0],
+                [-245.0, 65.0],
+                [-200.0, 200.0],
+                [-115.0, 115.0],
+                [-400.0, 400.0],
+            ],
+            [180.0, 180.0, 185.0, 385.0, 400.0, 460.0],
+        ),
+        "abb-irb2600-12-165" => (
+            [150.0, -115.0, 0.0, 445.0, 700.0, 795.0, 85.0],
+            elbow,
+            [1; 6],
+            [
+                [-180.0, 180.0],
+                [-95.0, 155.0],
+                [-155.0, 75.0],
+                [-400.0, 400.0],
+                [-120.0, 120.0],
+                [-400.0, 400.0],
+            ],
+            [175.0, 175.0, 175.0, 360.0, 360.0, 500.0],
+        ),
+        "kuka-kr10-r1420" => (
+            [150.0, -20.0, 0.0, 450.0, 610.0, 660.0, 80.0],
+            [0.0, -90.0, 0.0, 0.0, 0.0, 0.0],
+            [-1, 1, 1, -1, 1, -1],
+            [
+                [-170.0, 170.0],
+                [-185.0, 65.0],
+                [-137.0, 163.0],
+                [-185.0, 185.0],
+                [-120.0, 120.0],
+                [-350.0, 350.0],
+            ],
+            [220.0, 210.0, 270.0, 381.0, 311.0, 492.0],
+        ),
+        // Its controller's world frame stands at the height of joint 2, so c1 is 0 here; joint 3 counts as J2 + J3.
+        "fanuc-m10ia" => (
+            [150.0, -200.0, 0.0, 0.0, 600.0, 640.0, 100.0],
+            [0.0, 0.0, -90.0, 0.0, 0.0, 180.0],
+            [1, 1, -1, -1, -1, -1],
+            [
+                [-180.0, 180.0],
+                [-90.0, 160.0],
+                [-180.0, 264.0],
+                [-190.0, 190.0],
+                [-190.0, 190.0],
+                [-360.0, 360.0],
+            ],
+            [210.0, 190.0, 210.0, 400.0, 400.0, 600.0],
+        ),
+        _ => return None,
+    };
+    let [a1_mm, a2_mm, b_mm, c1_mm, c2_mm, c3_mm, c4_mm] = lengths;
+    let opw = Opw { a1_mm, a2_mm, b_mm, c1_mm, c2_mm, c3_mm, c4_mm, offsets_deg, signs };
+    let kinematics = Kinematics::SphericalWrist(SphericalWrist::new(opw));
+    Some(Arm { name: name.into(), kinematics, limits: Limits::degrees(limits_deg, speeds_deg_s) })
+}

@@ -1,0 +1,132 @@
+//! The joint linear system of all views and what of its solution is believed.
+
+use nalgebra::{DMatrix, DVector, Matrix6, UnitQuaternion, Vector3, Vector6};
+
+/// Share of information, of a motion that every pair sees in full, below which a motion counts as unseen.
+const UNSEEN: f64 = 1e-4;
+
+/// One row of `A`, eq. (7), by the small angles of eq. (4) in the motion of eq. (5): rotation part, then translation.
+///
+/// `arm` is where the point is from the centre.
+pub(super) fn point_row(arm: &Vector3<f64>, normal: &Vector3<f64>) -> Vector6<f64> {
+    let turn = arm.cross(normal);
+    Vector6::new(turn.x, turn.y, turn.z, normal.x, normal.y, normal.z)
+}
+
+/// A pair of patches of two views in the target's frame, its arm from the centre.
+pub(super) struct Pair {
+    pub(super) arm: Vector3<f32>,
+    /// Of the target patch, and the distance of the source patch above it.
+    pub(super) normal: Vector3<f32>,
+    pub(super) residual_mm: f32,
+    /// Of the source patch, and the distance of the target patch below it.
+    pub(super) own_normal: Vector3<f32>,
+    pub(super) own_residual_mm: f32,
+    pub(super) weight: f32,
+}
+
+/// Normal equations of the pairs between two views, eq. (7).
+#[derive(Default)]
+pub(super) struct Block {
+    information: Matrix6<f64>,
+    pull: Vector6<f64>,
+    weight: f64,
+}
+
+impl Block {
+    pub(super) fn add(&mut self, p: &Pair, scale: f64) {
+        let (residual_mm, own_residual_mm) = (f64::from(p.residual_mm), f64::from(p.own_residual_mm));
+        let w = f64::from(p.weight) / (1.0 + (residual_mm / (2.0 * scale)).powi(2)).powi(2);
+        // Two normals of one surface with independent noise: their product is unbiased where a square is not, so noise
+        // does not pass for information (instrumental variables).
+        let arm = p.arm.cast();
+        let (own, other) = (point_row(&arm, &p.own_normal.cast()), point_row(&arm, &p.normal.cast()));
+        self.information += own * (other * w).transpose();
+        self.pull -= own * (0.5 * w * residual_mm) + other * (0.5 * w * own_residual_mm);
+        self.weight += w;
+    }
+
+    /// The same with its axes turned from the target's frame into the base frame, its two products averaged.
+    pub(super) fn turned(&self, turn: &UnitQuaternion<f64>) -> Self {
+        let turn = turn.to_rotation_matrix();
+        let mut both = Matrix6::zeros();
+        both.fixed_view_mut::<3, 3>(0, 0).copy_from(turn.matrix());
+        both.fixed_view_mut::<3, 3>(3, 3).copy_from(turn.matrix());
+        let symmetric = (self.information + self.information.transpose()) * 0.5;
+        let information = both * symmetric * both.transpose();
+        Self { information, pull: both * self.pull, weight: self.weight }
+    }
+}
+
+/// The joint system of all views but the first in units in which every unknown is a length.
+pub(super) struct System {
+    information: DMatrix<f64>,
+    pull: DVector<f64>,
+    weight: Vec<f64>,
+    spread_mm: f64,
+}
+
+impl System {
+    pub(super) fn new(views: usize, spread_mm: f64) -> Self {
+        let n = 6 * (views - 1);
+        Self {
+            information: DMatrix::zeros(n, n),
+            pull: DVector::zeros(n),
+            weight: vec![0.0; views],
+            spread_mm,
+        }
+    }
+
+    pub(super) fn add(&mut self, i: usize, j: usize, block: &Block) {
+        // The same rows with opposite sign move the other view.
+        for (a, sa) in [(i, 1.0), (j, -1.0)] {
+            self.weight[a] += block.weight;
+            let Some(ra) = a.checked_sub(1) else { continue };
+            let mut part = self.pull.fixed_rows_mut::<6>(6 * ra);
+            part += block.pull * sa;
+            for (b, sb) in [(i, 1.0), (j, -1.0)] {
+                let Some(rb) = b.checked_sub(1) else { continue };
+                let mut part = self.information.fixed_view_mut::<6, 6>(6 * ra, 6 * rb);
+                part += block.information * (sa * sb);
+            }
+        }
+    }
+
+    /// The increments of all views, eq. (8), and their covariance.
+    ///
+    /// Along each eigenvector of the information only what exceeds the normals' noise is believed; where nothing is
+    /// left, the prior alone decides.
+    pub(super) fn solve(
+        self,
+        priors: &[(Matrix6<f64>, Vector6<f64>)],
+    ) -> Option<(DVector<f64>, DMatrix<f64>)> {
+        let n = self.pull.len();
+        // Rows scaled so that a motion which every pair of a view sees in full has information 1.
+        let unit = DVector::from_fn(n, |k, _| {
+            let length = if k % 6 < 3 { 1.0 / self.spread_mm.max(1e-9) } else { 1.0 };
+            length / self.weight[k / 6 + 1].max(1e-12).sqrt()
+        });
+        let scaled = |m: &DMatrix<f64>| DMatrix::from_fn(n, n, |r, c| m[(r, c)] * unit[r] * unit[c]);
+        let pull = self.pull.component_mul(&unit);
+        let eigen = scaled(&self.information).symmetric_eigen();
+        let mut h = DMatrix::zeros(n, n);
+        let mut g = DVector::zeros(n);
+        for (&seen, v) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
+            let trust = (1.0 - UNSEEN / seen.max(1e-300)).max(0.0);
+            h.ger(trust * seen, &v, &v, 1.0);
+            g.axpy(trust * v.dot(&pull), &v, 1.0);
+        }
+        for (k, (information, pull)) in priors.iter().enumerate() {
+            for r in 0..6 {
+                g[6 * k + r] += pull[r] * unit[6 * k + r];
+                for c in 0..6 {
+                    h[(6 * k + r, 6 * k + c)] += information[(r, c)] * unit[6 * k + r] * unit[6 * k + c];
+                }
+            }
+        }
+        let factor = h.cholesky()?;
+        let x = factor.solve(&g).component_mul(&unit);
+        let covariance = factor.inverse();
+        Some((x, DMatrix::from_fn(n, n, |r, c| covariance[(r, c)] * unit[r] * unit[c])))
+    }
+}

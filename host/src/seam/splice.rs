@@ -1,0 +1,106 @@
+//! Chains that go on in each other, joined (ours): a trace may stop where corners are missing, and begin anew beyond.
+
+use super::chain::{Chain, Link};
+use super::wedge;
+use crate::grid::Grid;
+
+/// Farthest gap and overlap between two ends, and farthest that they may lie beside each other, voxels.
+const GAP_VOXELS: f32 = 8.0;
+const OVERLAP_VOXELS: f32 = 8.0;
+const BESIDE_VOXELS: f32 = 1.5;
+/// Cosines of the largest change of direction and of a face.
+const SAME_DIRECTION: f32 = 0.95;
+const SAME_FACE: f32 = 0.9;
+
+/// All chains, those joined that continue each other with free air between them.
+pub fn joined(mut chains: Vec<Chain>, model: &Grid, voxel_mm: f32) -> Vec<Chain> {
+    let mut k = 0;
+    while k < chains.len() {
+        let next = (k + 1..chains.len())
+            .find_map(|j| Some((j, either_way(&chains[k], &chains[j], model, voxel_mm)?)));
+        match next {
+            Some((j, whole)) => {
+                chains.swap_remove(j);
+                chains[k] = whole;
+            }
+            None => k += 1,
+        }
+    }
+    chains
+}
+
+fn either_way(a: &Chain, b: &Chain, model: &Grid, voxel_mm: f32) -> Option<Chain> {
+    if a.closed || b.closed {
+        return None;
+    }
+    let (back_a, back_b) = (reversed(a), reversed(b));
+    let pairs = [(a, b), (a, &back_b), (&back_a, b), (&back_a, &back_b)];
+    pairs.into_iter().find_map(|(first, second)| end_to_end(first, second, model, voxel_mm))
+}
+
+fn reversed(chain: &Chain) -> Chain {
+    let links = chain.links.iter().rev().map(|l| Link { direction: -l.direction, ..*l }).collect();
+    Chain { links, ..chain.clone() }
+}
+
+/// `a` continued by `b`, if `b` begins where `a` ends.
+fn end_to_end(a: &Chain, b: &Chain, model: &Grid, voxel_mm: f32) -> Option<Chain> {
+    let (end, start) = (a.links.last()?, b.links.first()?);
+    let ahead = |l: &Link| (l.position - end.position).dot(&end.direction);
+    let way = start.position - end.position;
+    let beside = (way - end.direction * ahead(start)).norm();
+    let near = ahead(start) < GAP_VOXELS * voxel_mm
+        && ahead(start) > -OVERLAP_VOXELS * voxel_mm
+        && beside < BESIDE_VOXELS * voxel_mm;
+    let fits = |k: usize, l: usize| end.faces[0].dot(&start.faces[k]).min(end.faces[1].dot(&start.faces[l]));
+    let swapped = fits(1, 0) > fits(0, 1);
+    let same = end.direction.dot(&start.direction) > SAME_DIRECTION && fits(0, 1).max(fits(1, 0)) > SAME_FACE;
+    if !near || !same || wedge::blocked(model, voxel_mm, &end.position, &start.position, &end.faces) {
+        return None;
+    }
+    let rest: Vec<Link> = b.links.iter().skip_while(|l| ahead(l) < 0.5 * voxel_mm).copied().collect();
+    let turned = |l: Link| if swapped { Link { faces: [l.faces[1], l.faces[0]], ..l } } else { l };
+    let support = a.support + b.support;
+    let part = |c: &Chain| c.share * c.support as f32 / support.max(1) as f32;
+    Some(Chain {
+        links: a.links.iter().copied().chain(rest.into_iter().map(turned)).collect(),
+        closed: false,
+        support,
+        share: part(a) + part(b),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Point3, Vector3};
+
+    fn fillet(from_mm: f32, to_mm: f32) -> Chain {
+        let link = |k: usize| Link {
+            position: Point3::new(from_mm + 2.0 * k as f32, 0.0, 0.0),
+            direction: Vector3::x(),
+            faces: [Vector3::y(), Vector3::z()],
+        };
+        let links: Vec<Link> = (0..=((to_mm - from_mm) / 2.0) as usize).map(link).collect();
+        Chain { support: 3 * links.len(), links, share: 0.9, ..Chain::default() }
+    }
+
+    #[test]
+    fn two_halves_of_a_fillet_are_one_whichever_way_they_run() {
+        for second in [fillet(46.0, 90.0), reversed(&fillet(46.0, 90.0)), fillet(36.0, 90.0)] {
+            let one = joined(vec![fillet(0.0, 40.0), second], &Grid::default(), 1.2);
+            assert_eq!(one.len(), 1);
+            let xs: Vec<f32> = one[0].links.iter().map(|l| l.position.x).collect();
+            let monotone = xs.windows(2).all(|w| w[1] > w[0]) || xs.windows(2).all(|w| w[1] < w[0]);
+            assert!(monotone, "{xs:?}");
+            assert!((one[0].length_mm() - 90.0).abs() < 1.0);
+        }
+    }
+
+    #[test]
+    fn a_wall_between_them_keeps_them_apart() {
+        let wall: Vec<Point3<f32>> =
+            (0..400).map(|k| Point3::new(43.0, (k % 20) as f32, (k / 20) as f32)).collect();
+        assert_eq!(joined(vec![fillet(0.0, 40.0), fillet(46.0, 90.0)], &Grid::new(&wall, 4.0), 1.2).len(), 2);
+    }
+}
