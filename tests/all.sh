@@ -4,8 +4,8 @@
 #   tests/all.sh             everything
 #   tests/all.sh --no-apt    the same, and never calls apt-get
 #
-# Needs Rust (rustup's stable is enough) and, for the firmware in an emulator, qemu-system-arm and a toolchain for
-# the Cortex-M4F. As root on Debian it fetches what is missing by apt-get and prints what; otherwise it prints the command.
+# Needs Rust (rustup's stable is enough), chromium for the report, and, for the firmware in an emulator, qemu-system-arm
+# and a toolchain for the Cortex-M4F. As root on Debian it fetches what is missing by apt-get and prints what; otherwise it prints the command.
 set -eu
 cd "$(dirname "$0")/.."
 say() { printf '\n== %s\n' "$*"; }
@@ -14,6 +14,7 @@ missing=
 need() { missing="$missing $*"; }
 command -v qemu-system-arm >/dev/null || need qemu-system-arm
 command -v valgrind >/dev/null || need valgrind
+command -v chromium >/dev/null || need chromium
 command -v cc >/dev/null || need gcc libc6-dev
 command -v cargo >/dev/null || need rustc-web cargo-web
 command -v cargo-fmt >/dev/null || need rustfmt-web
@@ -53,8 +54,8 @@ firmware/build.sh build --release --no-default-features --features stm32f407
 say "mutants apply"
 MUTANTS_TARGET_DIR="$PWD/target/mutants" tests/mutants.sh --check
 
-say "tests: units, properties, fixtures, link, firmware in QEMU"
-WELDPATH_REQUIRE_QEMU=1 cargo test --workspace
+say "tests: units, properties, fixtures, link, firmware in QEMU, report in Chromium"
+WELDPATH_REQUIRE_QEMU=1 WELDPATH_REQUIRE_CHROMIUM=1 cargo test --workspace
 
 say "tests: E57 and LAS"
 cargo test -p weldpath --features e57,las --lib scan::

@@ -186,6 +186,8 @@ fn seam(bencher: Bencher, case: Case) {
         registration: None,
         names: vec!["view"],
         whole_views: false,
+        cameras_known: true,
+        last_scale: false,
     };
     run(bencher, case, || weldpath::seam::find(&input, &Default::default()).seams);
 }

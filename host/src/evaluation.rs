@@ -5,6 +5,7 @@
 //! points that belong to no seam. Millimetres and degrees; base frame; torch frame `(o, m, n)`, `n` out of the work.
 
 mod alignment;
+mod deviation;
 mod paper;
 mod path_set;
 mod projection;
@@ -15,6 +16,7 @@ mod taught;
 mod truth;
 
 pub use alignment::{Aligned, align};
+pub use deviation::{Deviation, deviations};
 pub use paper::{fitness, paper_rmse};
 pub use path_set::PathSet;
 pub use raster::{F1, f1};

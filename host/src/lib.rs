@@ -23,6 +23,7 @@ pub mod pipeline;
 pub mod postprocessing;
 pub mod reconstruction;
 pub mod refit;
+pub mod report;
 pub mod scan;
 pub mod seam;
 pub mod selection;

@@ -1,6 +1,7 @@
 //! The method on one page: the paper's Fig. 1 from views to torch paths.
 
 use crate::cloud::{Merged, PointCloud, View};
+use crate::downsampling::Voxels;
 pub use crate::reconstruction::ViewReport;
 use crate::seam::Seam;
 use crate::toolpath::SeamPath;
@@ -78,6 +79,19 @@ pub enum Error {
     },
 }
 
+/// What the seams were sought in, for those who draw it.
+#[derive(Debug, Clone, Copy)]
+pub struct Evidence<'a> {
+    /// All registered views, raw.
+    pub merged: &'a Merged,
+    /// The thinned cloud, before the filter.
+    pub voxels: &'a Voxels,
+    /// The same after it, in the same order.
+    pub model: &'a PointCloud,
+    /// Edge intensity of each point of the model.
+    pub intensity: &'a [f32],
+}
+
 /// Sees every stage as it finishes; `()` looks away.
 pub trait Observer {
     /// A stage begins; `name` is the name of its module.
@@ -87,6 +101,10 @@ pub trait Observer {
     /// The cloud after a stage.
     fn cloud(&mut self, stage: &'static str, cloud: &PointCloud) {
         let _ = (stage, cloud);
+    }
+    /// What the seams were sought in; the last call counts, for a coarser scale follows where none is found.
+    fn evidence(&mut self, evidence: &Evidence) {
+        let _ = evidence;
     }
 }
 
@@ -142,6 +160,8 @@ pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Re
                 clock.time("seam", || seam::paper::find(&input, ratio_threshold))
             }
         };
+        let intensity = &found.intensity;
+        observer.evidence(&Evidence { merged: &merged, voxels: &voxels, model: &model, intensity });
         if !found.seams.is_empty() {
             break (scale, model, found);
         }

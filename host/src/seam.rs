@@ -150,6 +150,8 @@ pub struct Found {
     pub reason: String,
     /// Intensity gate, for the report.
     pub gate: f32,
+    /// Edge intensity of each point of the model, for the report.
+    pub intensity: Vec<f32>,
 }
 
 /// Weldable seams of a cloud (paper II-E, and beyond it: several seams, types, order, accuracy below the voxel).
@@ -177,6 +179,7 @@ pub fn find(input: &Input, config: &Config) -> Found {
     let measured = overlap::apart(measured, v, config.chain.shortest_voxels * v);
     let most_mm = config.refine.reach * v;
     let described = measured.iter().map(|(chain, seam)| describe(input, chain, seam, &grid, most_mm));
+    found.intensity = scores.intensity;
     let most_error_mm = if input.last_scale { LAST_ERROR_VOXELS * f64::from(v) } else { f64::INFINITY };
     let (sure, unsure): (Vec<Seam>, Vec<Seam>) =
         described.partition(|seam| is_sure(seam) && seam.expected_error_mm < most_error_mm);

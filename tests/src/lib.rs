@@ -11,6 +11,7 @@ pub mod urscript;
 
 pub mod adversary;
 pub mod bench;
+pub mod browser;
 pub mod command;
 pub mod in_process;
 pub mod qemu;

@@ -55,6 +55,10 @@ const HOST: &[(&str, &[&str])] = &[
     ("selection", &["toolpath", "job"]),
     ("postprocessing", &["toolpath", "feasibility", "pipeline", "export", "job", "selection"]),
     ("evaluation", &[]),
+    (
+        "report",
+        &["cloud", "grid", "seam", "toolpath", "pipeline", "export", "job", "postprocessing", "evaluation"],
+    ),
     ("simulation", &["evaluation"]),
     ("serial", &[]),
     ("link", &["serial", "toolpath"]),

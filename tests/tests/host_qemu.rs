@@ -49,6 +49,7 @@ fn circle(count: usize) -> Vec<Waypoint> {
             weld: true,
             seam: Some(1),
             kind: Kind::Weld,
+            dwell_s: None,
         }
     };
     (0..count).map(at).collect()

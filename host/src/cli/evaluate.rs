@@ -1,15 +1,16 @@
 //! `weldpath evaluate`: a plan against the truth, as the paper's section III measures it.
 
-use std::fmt::Write;
+use std::fmt::{Display, Write};
 use std::path::{Path, PathBuf};
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use serde::Serialize;
 use weldpath::comparison;
 use weldpath::evaluation::{self, Error, F1, Options, PathSet, Score, Target, Truth, f1, score};
-use weldpath::export::directory;
+use weldpath::export::directory::{self, File};
 use weldpath::job::Job;
 use weldpath::job::quantity::StandoffMm;
+use weldpath::report;
 
 use super::{Exit, Failure, print};
 
@@ -34,6 +35,9 @@ pub(super) struct Args {
     /// Print the scores as JSON
     #[arg(long)]
     json: bool,
+    /// Show the deviation in DIR/report.html as well
+    #[arg(long)]
+    report: bool,
     /// Make the paper's tables and figures instead, beside its numbers: DIR/paper.html
     #[arg(long, conflicts_with_all = ["dir", "truth", "standoff_mm"])]
     paper: bool,
@@ -103,8 +107,22 @@ fn against(args: &Args, dir: &Path, truth: &Path) -> Result<(), Failure> {
         f1: f1(&points, &truth.visible_mm(args.target), CELL_MM),
         fitness: fitness(dir),
     };
+    if args.report {
+        add_to_report(dir, &report::deviation(&paths, &truth, &options))?;
+    }
     let json = || serde_json::to_string_pretty(&evaluation).map(|text| text + "\n").unwrap_or_default();
     print(&if args.json { json() } else { table(&evaluation) })
+}
+
+/// Rewrites the page with the deviation in it.
+fn add_to_report(dir: &Path, deviation: &str) -> Result<(), Failure> {
+    let path = dir.join(report::PAGE);
+    let hint = "run `weldpath plan` without --no-report, and give its folder";
+    let missing =
+        |error: &dyn Display| Failure::new(Exit::Input, format!("cannot read {}: {error}", path.display()));
+    let page = std::fs::read_to_string(&path).map_err(|error| missing(&error).hint(hint))?;
+    let page = report::with_deviation(&page, deviation).ok_or_else(|| missing(&"no report").hint(hint))?;
+    directory::write(dir, &[File::new(report::PAGE, page)]).map_err(|error| Failure::new(Exit::Output, error))
 }
 
 fn standoff_mm(args: &Args, dir: &Path) -> Result<f64, Failure> {

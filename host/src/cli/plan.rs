@@ -13,7 +13,7 @@ use weldpath::job::robot::{RobotSettings, TorchBodySettings};
 use weldpath::job::{Formats, Job, Method, Sequence, Units};
 use weldpath::pipeline::{self, Observer, Plan};
 use weldpath::postprocessing::{self, postprocess};
-use weldpath::{scan, selection};
+use weldpath::{report, scan, selection};
 
 use super::progress::Progress;
 use super::weld::WeldArgs;
@@ -96,20 +96,29 @@ pub(super) struct Args {
     /// Keep the cloud after every stage in DIR/stages
     #[arg(long)]
     dump_stages: bool,
+    /// Write no report.html and report.svg
+    #[arg(long)]
+    no_report: bool,
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let job = job(args)?;
     directory::check(&args.out).map_err(not_written)?;
-    let mut progress = Progress::new(args.quiet, args.dump_stages);
+    let mut progress = Progress::new(args.quiet, args.dump_stages, !args.no_report);
     let result = plan(&job, &mut progress);
-    let stages = progress.finish();
+    let (stages, recording) = progress.finish();
     let (plan, source) = match result {
         Ok(planned) => planned,
-        Err(failure) => return keep_stages(&args.out, &stages).and(Err(failure)),
+        Err(failure) => {
+            let seen = recording.map(|r| report::without_seams(&r, &job, &failure.message));
+            return keep_stages(&args.out, stages, seen.unwrap_or_default()).and(Err(failure));
+        }
     };
     let mut output = postprocess(&plan, &job, source.clone()).map_err(not_written_out)?;
     output.files.extend(stages);
+    if let Some(recording) = recording {
+        output.files.extend(report::files(&plan, &output, &recording, &job));
+    }
     directory::write(&args.out, &output.files).map_err(not_written)?;
     match (args.quiet, args.json) {
         (true, _) => Ok(()),
@@ -208,13 +217,18 @@ pub(super) fn units(units: Units) -> scan::Units {
 }
 
 /// What led to no plan is what one wants to look at most.
-fn keep_stages(out: &Path, stages: &[File]) -> Result<(), Failure> {
-    if stages.is_empty() { Ok(()) } else { directory::write(out, stages).map_err(not_written) }
+fn keep_stages(out: &Path, mut stages: Vec<File>, seen: Vec<File>) -> Result<(), Failure> {
+    if stages.is_empty() {
+        return Ok(());
+    }
+    // In their folder: what an earlier run left beside it stays as it was.
+    stages.extend(seen.into_iter().map(|file| File::new(format!("stages/{}", file.name), file.bytes)));
+    directory::write(out, &stages).map_err(not_written)
 }
 
 fn not_planned(error: pipeline::Error) -> Failure {
     Failure::new(Exit::NoSeam, error).hint(
-        "--dump-stages keeps the cloud after every stage, to look at; docs/troubleshooting.md says what to try",
+        "--dump-stages keeps the cloud after every stage, and DIR/stages/report.html to look at; docs/troubleshooting.md says what to try",
     )
 }
 

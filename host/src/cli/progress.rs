@@ -7,7 +7,8 @@ use indicatif::{ProgressBar, ProgressStyle};
 use weldpath::cloud::PointCloud;
 use weldpath::export::directory::File;
 use weldpath::export::ply;
-use weldpath::pipeline::Observer;
+use weldpath::pipeline::{Evidence, Observer};
+use weldpath::report::Recording;
 
 /// Share of the time, in percent, that has usually passed when a stage begins, measured on the fixtures: a stage at a time
 /// says little about when it is over.
@@ -21,24 +22,26 @@ const PASSED: [(&str, u64); 7] = [
     ("toolpath", 99),
 ];
 
-/// Moves a bar on a terminal, and collects the cloud after every stage if it was asked for.
+/// Moves a bar on a terminal, and collects what is asked for: the cloud after every stage, what the report shows.
 pub(super) struct Progress {
     bar: ProgressBar,
     began: Instant,
     stages: Option<Vec<File>>,
+    recording: Option<Recording>,
 }
 
 impl Progress {
     /// No bar when quiet or when standard error is not a terminal.
-    pub(super) fn new(quiet: bool, dump_stages: bool) -> Self {
+    pub(super) fn new(quiet: bool, dump_stages: bool, report: bool) -> Self {
         let bar = bar(quiet, 100, "{bar:24} {elapsed:>4} {msg}");
-        Self { bar, began: Instant::now(), stages: dump_stages.then(Vec::new) }
+        let recording = report.then(Recording::default);
+        Self { bar, began: Instant::now(), stages: dump_stages.then(Vec::new), recording }
     }
 
-    /// Takes the bar away and hands over the collected clouds.
-    pub(super) fn finish(self) -> Vec<File> {
+    /// Takes the bar away and hands over the collected clouds, and what the report shows.
+    pub(super) fn finish(self) -> (Vec<File>, Option<Recording>) {
         self.bar.finish_and_clear();
-        self.stages.unwrap_or_default()
+        (self.stages.unwrap_or_default(), self.recording)
     }
 }
 
@@ -76,6 +79,12 @@ impl Observer for Progress {
         if let Some(stages) = &mut self.stages {
             let name = format!("stages/{:02}-{stage}.ply", stages.len() + 1);
             stages.push(File::new(name, ply::write(cloud)));
+        }
+    }
+
+    fn evidence(&mut self, evidence: &Evidence) {
+        if let Some(recording) = &mut self.recording {
+            *recording = Recording::of(evidence);
         }
     }
 }

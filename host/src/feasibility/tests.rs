@@ -1,8 +1,8 @@
 //! Whole programs: what a person who knows the arm would say of them.
 
 use super::*;
-use crate::toolpath::PathPoint;
-use crate::toolpath::program::{Motion, program};
+use crate::toolpath::program::{Motion, Pass, Waypoint, program};
+use crate::toolpath::{PathPoint, Process};
 use nalgebra::{Point3, Translation3, Vector3};
 use problem::Kind;
 
@@ -11,6 +11,8 @@ const MOTION: Motion = Motion {
     approach_feed_mm_s: 25.0,
     air_feed_mm_s: 150.0,
     approach_mm: 50.0,
+    retract_mm: 50.0,
+    lift_mm: 10.0,
     clearance_mm: 50.0,
 };
 
@@ -30,6 +32,7 @@ fn seam(id: usize, at_mm: [f64; 3], turn_deg: f64) -> SeamPath {
         s_mm: f64::from(i) * 2.0,
         position_mm: Point3::from(at_mm) + Vector3::y() * (f64::from(i) * 2.0 - 100.0),
         base_from_torch: turn,
+        process: Process::default(),
     };
     SeamPath { seam: id, points: (0..=100).map(point).collect() }
 }
@@ -44,8 +47,14 @@ fn table() -> PointCloud {
     PointCloud { origin_mm: Point3::origin(), normals: vec![Vector3::z(); points_mm.len()], points_mm }
 }
 
+/// The program of one pass along each path.
+fn welded(paths: &[SeamPath], model: &PointCloud) -> Vec<Waypoint> {
+    let passes: Vec<Pass> = paths.iter().map(|path| Pass { path: path.clone(), motion: MOTION }).collect();
+    program(&passes, model).waypoints
+}
+
 fn assessed(paths: &[SeamPath], model: &PointCloud, setup: &Setup) -> Report {
-    assess(paths, &|paths| program(paths, model, &MOTION).waypoints, model, setup)
+    assess(paths, &|paths| welded(paths, model), model, setup)
 }
 
 #[test]
@@ -58,7 +67,7 @@ fn a_seam_amid_the_workspace_is_feasible_for_arms_of_every_kind() {
         assert!(report.suggestions.is_empty());
         let setup = setup(name);
         let robot = setup.robot.unwrap();
-        let waypoints = program(&[seam(1, [x, 0.0, 100.0], 0.0)], &PointCloud::default(), &MOTION).waypoints;
+        let waypoints = welded(&[seam(1, [x, 0.0, 100.0], 0.0)], &PointCloud::default());
         for (waypoint, check) in waypoints.iter().zip(&report.checks) {
             let joints = check.joints.unwrap();
             assert!(joints.margin_rad > 0.0 && joints.speed_share < 1.0);

@@ -1,7 +1,7 @@
 //! The paper's own extraction (II-E, eqs. (11)-(17)), for comparison: the ratio test alone, no gate, no joint types, edge
 //! points ordered as they come, the normal of the surroundings as the torch axis.
 
-use super::{Found, Input, Joint, Seam, Station};
+use super::{Found, Input, Joint, Seam, Station, edges};
 use crate::grid::Grid;
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -48,7 +48,10 @@ pub fn find(input: &Input, ratio_threshold: f64) -> Found {
         expected_error_deg: 15.0,
         warnings: vec!["the paper's method, for comparison only: do not weld this".into()],
     };
-    Found { seams: vec![seam], ..Found::default() }
+    let radius_mm = RADIUS_VOXELS * input.voxels.edge_mm;
+    let grid = Grid::new(&input.model.points_mm, radius_mm);
+    let intensity = edges::score(input.voxels, input.model, &grid, radius_mm).intensity;
+    Found { seams: vec![seam], intensity, ..Found::default() }
 }
 
 /// Indices of the edge points in the order of the cloud.

@@ -102,7 +102,8 @@ fn moves<const N: usize>(from_mm: Point3<f64>, places_mm: [Point3<f64>; N]) -> V
     places_mm.into_iter().filter(is_move).collect()
 }
 
-fn up<'p>(points: impl Iterator<Item = &'p PathPoint>) -> UnitVector3<f64> {
+/// Up, as the safe level is measured: a unit vector in the base frame.
+pub fn up<'p>(points: impl Iterator<Item = &'p PathPoint>) -> UnitVector3<f64> {
     let sum: Vector3<f64> = points.map(PathPoint::out_of_work).sum();
     match Unit::try_new(sum, 1e-9) {
         Some(mean) if mean.z < 0.0 => mean,

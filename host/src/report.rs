@@ -1,0 +1,76 @@
+//! What a run looks like: `report.html`, one page without network, and `report.svg`, a picture without a browser.
+//!
+//! [`Recording`] keeps of a running pipeline what the plan itself forgets; [`files`] turns both into the page: a JSON
+//! block with every number, a binary block with the points, and the bundled script of `web/`. Shape: `docs/formats.md`.
+
+mod colour;
+mod content;
+mod deviation;
+mod histogram;
+mod page;
+mod picture;
+mod points;
+mod ratio;
+mod recording;
+
+pub use deviation::deviation;
+pub use page::with_deviation;
+pub use recording::Recording;
+
+use crate::export::directory::File;
+use crate::export::summary::{Source, Summary};
+use crate::job::Job;
+use crate::pipeline::Plan;
+use crate::postprocessing::Output;
+use crate::toolpath::program::Program;
+
+/// Name of the page within a run's folder.
+pub const PAGE: &str = "report.html";
+/// Name of the picture within a run's folder.
+pub const PICTURE: &str = "report.svg";
+
+/// The page and the picture of a run.
+pub fn files(plan: &Plan, output: &Output, recording: &Recording, job: &Job) -> Vec<File> {
+    let title = title(job);
+    let run = Run { plan, output, recording, job, title: &title };
+    let scene = content::Scene::of(&run);
+    let (content, bytes) = content::document(&run, &scene);
+    let picture = picture::svg(&run, &scene);
+    vec![File::new(PAGE, page::page(&title, &content, &bytes)), File::new(PICTURE, picture)]
+}
+
+/// The same of a run that found no seam: what was seen, and in `reason` why nothing came of it. Empty if nothing was
+/// recorded.
+pub fn without_seams(recording: &Recording, job: &Job, reason: &str) -> Vec<File> {
+    let Some(clouds) = &recording.clouds else { return Vec::new() };
+    let plan = Plan {
+        model: clouds.model(),
+        seams: Vec::new(),
+        paths: Vec::new(),
+        views: Vec::new(),
+        derived: Vec::new(),
+        stage_s: Vec::new(),
+        warnings: Vec::new(),
+        coverage: Vec::new(),
+    };
+    let summary =
+        Summary::new(&plan, Source::default(), &[], &[], job.order.up.get(), vec![reason.to_owned()]);
+    let output = Output { paths: Vec::new(), program: Program::default(), summary, files: Vec::new() };
+    files(&plan, &output, recording, job)
+}
+
+/// All there is to show.
+#[derive(Clone, Copy)]
+struct Run<'a> {
+    plan: &'a Plan,
+    output: &'a Output,
+    recording: &'a Recording,
+    job: &'a Job,
+    title: &'a str,
+}
+
+/// Name of the input without its folders.
+fn title(job: &Job) -> String {
+    let name = job.input.as_ref().and_then(|input| input.file_name());
+    name.map_or("scan".into(), |name| name.to_string_lossy().into_owned())
+}

@@ -1,0 +1,89 @@
+//! The page itself: the template of `web/` with its style, its script and the run's data put in.
+//!
+//! What comes from outside (file names, messages) stands only in JSON, in which `<` is written as an escape, so that it
+//! can end no element; the script puts it in the page as text. The page's own policy forbids every fetch.
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+
+const TEMPLATE: &str = include_str!("web/page.html");
+const STYLE: &str = include_str!("web/style.css");
+/// Built from `web/src` and three.js by `web/build.sh`.
+const SCRIPT: &str = include_str!("web/dist/report.js");
+
+/// Where the deviation from the truth stands.
+const DEVIATION: [&str; 2] = ["<script type=\"application/json\" id=\"deviation\">", "</script>"];
+
+/// The whole page; `content` is JSON, `bytes` are what it refers to.
+pub(super) fn page(title: &str, content: &str, bytes: &[u8]) -> String {
+    let parts = [
+        ("{{title}}", html_text(title)),
+        ("{{style}}", STYLE.to_owned()),
+        ("{{content}}", inert(content)),
+        ("{{points}}", STANDARD.encode(bytes)),
+        ("{{script}}", SCRIPT.to_owned()),
+    ];
+    let (mut page, mut rest) = (String::new(), TEMPLATE);
+    for (slot, text) in parts {
+        // What has been put in is never searched for the next slot.
+        if let Some((before, after)) = rest.split_once(slot) {
+            page.push_str(before);
+            page.push_str(&text);
+            rest = after;
+        }
+    }
+    page + rest
+}
+
+/// The page with `deviation`, JSON, in the place kept for it; none if `page` is not a report.
+pub fn with_deviation(page: &str, deviation: &str) -> Option<String> {
+    let (before, rest) = page.split_once(DEVIATION[0])?;
+    let end = rest.find(DEVIATION[1])?;
+    Some(format!("{before}{}{}{}", DEVIATION[0], inert(deviation), &rest[end..]))
+}
+
+/// JSON that ends no element and begins no comment.
+fn inert(json: &str) -> String {
+    json.replace('<', "\\u003c")
+}
+
+/// Text that is no markup.
+pub(super) fn html_text(text: &str) -> String {
+    let escaped = text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
+    // A name may hold control characters, which no XML may.
+    escaped.replace('"', "&quot;").chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_slot_of_the_template_is_filled_once() {
+        let page = page("a {{content}} b", "{\"x\":1}", &[1, 2, 3]);
+        assert!(page.contains("<title>a {{content}} b"));
+        assert_eq!(page.matches("{\"x\":1}").count(), 1);
+        assert!(page.contains("AQID"));
+        for slot in ["{{style}}", "{{points}}", "{{script}}"] {
+            assert!(TEMPLATE.contains(slot) && !page.contains(slot), "{slot}");
+        }
+    }
+
+    #[test]
+    fn hostile_text_ends_no_element() {
+        let evil = "</script><img src=x onerror=alert(1)>";
+        let json = serde_json::json!({ "title": evil }).to_string();
+        let page = page(evil, &json, &[]);
+        assert!(!page.contains("<img src=x"));
+        let page = with_deviation(&page, &json).unwrap();
+        assert!(!page.contains("<img src=x"));
+    }
+
+    #[test]
+    fn a_deviation_replaces_the_one_before() {
+        let first = with_deviation(&page("t", "{}", &[]), "{\"first\":1}").unwrap();
+        let second = with_deviation(&first, "{\"second\":2}").unwrap();
+        assert!(!second.contains("\"first\"") && second.contains("{\"second\":2}</script>"));
+        assert_eq!(with_deviation("<p>no report</p>", "{}"), None);
+    }
+}

@@ -1,0 +1,84 @@
+//! The paper's intensity ratio, for its histogram: at a sample of the model's points, since a picture needs no more.
+
+use super::recording::even_sample;
+use crate::grid::Grid;
+use crate::pipeline::Evidence;
+use nalgebra::Vector3;
+use rayon::prelude::*;
+use weldpath_core::seam::{Tensor, gradient};
+
+/// Points in the histogram.
+const SAMPLE: usize = 2000;
+/// Radius of the neighbourhoods, voxels, as for the intensities.
+const RADIUS_VOXELS: f32 = 4.0;
+
+/// `Tr³/Det` of about [`SAMPLE`] points.
+pub(super) fn sampled(evidence: &Evidence) -> Vec<f32> {
+    let Evidence { voxels, model, intensity, .. } = *evidence;
+    if intensity.len() != model.len() {
+        return Vec::new();
+    }
+    let radius_mm = RADIUS_VOXELS * voxels.edge_mm;
+    let grid = Grid::new(&model.points_mm, radius_mm);
+    let near = |slot: usize| {
+        let at = grid.point(slot);
+        let mut found = Vec::new();
+        grid.within(&at, radius_mm, |other, d2| found.extend((other != slot).then_some((other, d2))));
+        found
+    };
+    let gradient_at = |slot: usize| -> Vector3<f32> {
+        let (at, own) = (grid.point(slot), intensity[grid.index(slot)]);
+        gradient(near(slot).into_iter().map(|(k, _)| (grid.point(k) - at, intensity[grid.index(k)] - own)))
+    };
+    let ratio = |slot: usize| {
+        let gradients: Vec<(f32, Vector3<f32>)> =
+            near(slot).into_iter().map(|(k, d2)| (d2, gradient_at(k))).collect();
+        Tensor::smoothed(&gradient_at(slot), gradients.iter().map(|(d2, g)| (*d2, g))).ratio()
+    };
+    let slots: Vec<usize> = even_sample(grid.len(), SAMPLE).collect();
+    slots.into_par_iter().map(ratio).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cloud::{Merged, PointCloud};
+    use crate::downsampling::Voxels;
+    use crate::seam::{Input, edges, paper};
+    use nalgebra::Point3;
+
+    #[test]
+    fn ratios_of_a_sample_are_those_of_the_papers_method() {
+        let bump = |k: usize| {
+            let (x, y) = ((k % 40) as f32, (k / 40) as f32);
+            Point3::new(x, y, 0.3 * (0.7 * x).sin() * (0.4 * y).cos())
+        };
+        let points_mm: Vec<_> = (0..1600).map(bump).collect();
+        let cloud = PointCloud { points_mm, normals: vec![Vector3::z(); 1600], ..PointCloud::default() };
+        let toward_camera = vec![Vector3::z(); 1600];
+        let voxels = Voxels { cloud: cloud.clone(), edge_mm: 1.0, toward_camera, ..Voxels::default() };
+        let (merged, model) = (&Merged::default(), &cloud);
+        let grid = Grid::new(&cloud.points_mm, 4.0);
+        let intensity = &edges::score(&voxels, model, &grid, 4.0).intensity;
+        let mut ours = sampled(&Evidence { merged, voxels: &voxels, model, intensity });
+        let (registration, names) = (None, Vec::new());
+        let (whole_views, cameras_known, last_scale) = (false, true, false);
+        let input = Input {
+            merged,
+            voxels: &voxels,
+            model,
+            registration,
+            names,
+            whole_views,
+            cameras_known,
+            last_scale,
+        };
+        let mut theirs: Vec<f32> = paper::tensors(&input).iter().map(|t| t.ratio()).collect();
+        ours.sort_by(f32::total_cmp);
+        theirs.sort_by(f32::total_cmp);
+        assert_eq!(ours.len(), theirs.len(), "fewer points than the sample: all of them");
+        for (a, b) in ours.iter().zip(&theirs) {
+            assert!((a - b).abs() <= 1e-2 * b, "{a} {b}");
+        }
+    }
+}

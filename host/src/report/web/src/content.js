@@ -1,0 +1,58 @@
+// What the page was given: numbers as JSON, points as one binary block.
+
+const text = (id) => document.getElementById(id).textContent;
+
+export const content = JSON.parse(text("content"));
+// Null unless `weldpath evaluate --report` has put it in.
+export const deviation = JSON.parse(text("deviation"));
+
+function bytes(base64) {
+  if (Uint8Array.fromBase64) return Uint8Array.fromBase64(base64);
+  const packed = atob(base64);
+  const out = new Uint8Array(packed.length);
+  for (let i = 0; i < packed.length; i++) out[i] = packed.charCodeAt(i);
+  return out;
+}
+
+// The columns of both layers; taken out of the page once, since they are large.
+export function layers() {
+  const element = document.getElementById("points");
+  const block = bytes(element.textContent.trim()).buffer;
+  element.remove();
+  const layer = (meta) => meta && {
+    ...meta,
+    positions: new Uint16Array(block, meta.positions_at, 4 * meta.count),
+    attributes: new Uint8Array(block, meta.attributes_at, 4 * meta.count),
+  };
+  return { model: layer(content.clouds.model), raw: layer(content.clouds.raw) };
+}
+
+export const seams = content.summary.seams.map((seam) => ({
+  ...seam,
+  ...content.seams.find((line) => line.id === seam.id),
+}));
+
+const COLOURS = ["#4269d0", "#efb118", "#ff725c", "#6cc5b0", "#9c6b4e", "#a463f2", "#97bbf5", "#3ca951", "#ff8ab7", "#9498a0"];
+export const viewColour = (k) => COLOURS[k % COLOURS.length];
+
+// Unit of a key by its ending; every number of the summary names its unit.
+const UNITS = [["_mm_s", "mm/s"], ["_mm2", "mm²"], ["_mm", "mm"], ["_deg", "°"], ["_rad", "rad"], ["_kg", "kg"], ["_s", "s"]];
+export function label(key) {
+  const [ending, unit] = UNITS.find(([ending]) => key.endsWith(ending)) ?? ["", ""];
+  return { name: key.slice(0, key.length - ending.length).replaceAll("_", " "), unit };
+}
+
+// Three significant digits, and no more decimals than a reader needs.
+export function number(value) {
+  if (value === null || value === undefined || !Number.isFinite(value)) return "unknown";
+  if (Number.isInteger(value)) return String(value);
+  const size = Math.abs(value);
+  return value.toFixed(size >= 100 ? 0 : size >= 10 ? 1 : size >= 0.1 || size === 0 ? 2 : 3);
+}
+export const percent = (share) => (share === null || share === undefined ? "unknown" : `${Math.round(100 * share)} %`);
+export function duration(s) {
+  if (s < 90) return `${s.toFixed(1)} s`;
+  if (s > 5400) return `${(s / 3600).toFixed(1)} h`;
+  return `${Math.floor(s / 60)} min ${String(Math.round(s % 60)).padStart(2, "0")} s`;
+}
+export const place = (p) => p.map((v) => v.toFixed(1)).join(", ");

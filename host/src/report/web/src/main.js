@@ -1,0 +1,249 @@
+// The page: joins the numbers, the picture and the player.
+
+import { $, el, svg } from "./dom.js";
+import { content, deviation, duration, layers, number, place, seams, viewColour } from "./content.js";
+import { Scene } from "./scene.js";
+import { torchAt, total_s, waypoints, weldOf, welds } from "./program.js";
+import * as panel from "./panel.js";
+
+const state = { time_s: 0, seam: null, playing: false, colouring: 0, cloud: "model" };
+let scene = null;
+let tags = [];
+
+// What a link or a test may ask for: #seam=2&colour=intensity&cloud=raw&look=top&theme=dark&t=12&show=cameras
+const wish = new URLSearchParams(location.hash.slice(1));
+
+const COLOURS = ["height", "edge intensity", "normals", "view", "work of the filter"];
+const CLOUDS = [["model", "denoised"], ["unfiltered", "before the filter"], ["raw", "raw scan"]];
+const SHOWN = [["frames", "torch frames", true], ["way", "air moves", true], ["torch", "torch", true], ["truth", "truth (white)", true], ["cameras", "cameras", false]];
+
+function select(id, move = true) {
+  const seam = seams.find((s) => s.id === id);
+  if (!seam) return;
+  state.seam = id;
+  panel.detail(seam, () => scene?.look("home", seam));
+  scene?.highlight(seam);
+  for (const { button, seam: own } of tags) button.setAttribute("aria-pressed", String(own.id === id));
+  const weld = weldOf(id);
+  if (move && weld) seek(waypoints[weld.start].time_s);
+}
+
+function seek(time_s) {
+  state.time_s = Math.min(Math.max(time_s, 0), total_s);
+  if (!waypoints.length) return;
+  const torch = torchAt(state.time_s);
+  state.torch_mm = torch.position_mm.toArray();
+  $("slider").value = state.time_s;
+  const doing = { weld: torch.arc ? "welding" : "at the seam", approach: "approach", retract: "retract", air: "air move" }[torch.kind];
+  $("slider").setAttribute("aria-valuetext", `${number(state.time_s)} seconds, ${doing}`);
+  const item = (name, value) => el("span", {}, `${name} `, el("b", {}, value));
+  const weld = torch.arc && weldOf(torch.seam);
+  $("readout").replaceChildren(...[
+    item("", `${duration(state.time_s)} of ${duration(total_s)}`),
+    item("", torch.seam && torch.kind !== "air" ? `seam ${torch.seam}, ${doing}` : doing),
+    weld && item("along", `${number(torch.s_mm)} of ${number(waypoints[weld.end].s_mm)} mm`),
+    item("feed", `${number(torch.feed_mm_s)} mm/s`),
+    item("x, y, z", `${place(state.torch_mm)} mm`),
+  ].filter(Boolean));
+  scene?.moveTorch(torch);
+}
+
+function play(on) {
+  state.playing = on && total_s > 0;
+  $("play").textContent = state.playing ? "❚❚" : "▶";
+  $("play").setAttribute("aria-label", state.playing ? "Pause" : "Play");
+  if (!state.playing) return;
+  if (state.time_s >= total_s) seek(0);
+  let before;
+  const step = (now) => {
+    if (!state.playing) return;
+    seek(state.time_s + (before === undefined ? 0 : ((now - before) / 1000) * Number($("rate").value)));
+    before = now;
+    if (state.time_s >= total_s) play(false);
+    else requestAnimationFrame(step);
+  };
+  requestAnimationFrame(step);
+}
+
+function player() {
+  if (!waypoints.length) {
+    $("player").hidden = true;
+    return;
+  }
+  const slider = $("slider");
+  slider.max = total_s;
+  slider.addEventListener("input", () => {
+    play(false);
+    seek(Number(slider.value));
+  });
+  $("play").addEventListener("click", () => play(!state.playing));
+  const share = (s) => `${(100 * s) / (total_s || 1)}%`;
+  $("bands").append(...welds.map(({ seam, start, end }) => el("span", {
+    style: { left: share(waypoints[start].time_s), width: share(waypoints[end].time_s - waypoints[start].time_s), background: seams.find((s) => s.id === seam)?.colour },
+  })));
+}
+
+function tools() {
+  const choice = (name, options, chosen, onchange) => el("label", {}, name,
+    el("select", { id: name.replace(" ", "-"), onchange }, options.map(([value, text]) => el("option", { value, selected: value === chosen }, text))));
+  const boxes = SHOWN.filter(([name]) => scene.groups[name]).map(([name, text, on]) => {
+    const shown = on || Boolean(wish.get("show")?.split(",").includes(name));
+    scene.show(name, shown);
+    return el("label", {}, el("input", { type: "checkbox", id: `show-${name}`, checked: shown, onchange: (event) => scene.show(name, event.target.checked) }), text);
+  });
+  const colourings = COLOURS.map((name, k) => [String(k), name]);
+  $("tools").append(
+    choice("cloud", CLOUDS.filter(([value]) => value !== "raw" || scene.groups.raw), state.cloud, (event) => cloud(event.target.value)),
+    choice("colour by", colourings, String(state.colouring), (event) => colouring(Number(event.target.value))),
+    ...boxes);
+  $("tools").addEventListener("submit", (event) => event.preventDefault());
+  for (const [from, text] of [["home", "⌂"], ["top", "top"], ["front", "front"], ["side", "side"]]) {
+    $("looks").append(el("button", { type: "button", title: from === "home" ? "All seams (F)" : `From the ${from}`, onclick: () => scene.look(from) }, text));
+  }
+}
+
+function cloud(which) {
+  state.cloud = which;
+  scene.cloud(which);
+  legend();
+}
+
+function colouring(k) {
+  state.colouring = k;
+  scene.colouring(k);
+  legend();
+}
+
+// What the colours mean.
+function legend() {
+  const css = (c) => `rgb(${c.join(" ")})`;
+  const ramp = (stops, low, high) => [el("div", { class: "ramp", style: { background: `linear-gradient(90deg, ${stops.join(", ")})` } }), el("div", { class: "ends" }, el("span", {}, low), el("span", {}, high))];
+  const key = (colour, text) => el("span", {}, el("i", { style: { background: colour } }), text);
+  const stops = content.ramp.map(css);
+  const gate = content.histograms.intensity_gate ?? 0.1;
+  const base = content.up.reduce((sum, u, k) => sum + u * content.centre_mm[k], 0);
+  const parts = [
+    () => ["Height, mm", ramp(stops, number(base + content.heights_mm[0]), number(base + content.heights_mm[1]))],
+    () => ["Edge intensity", ramp([`#8b98a8 ${(100 * gate) / (0.5 * content.intensity_full)}%`, ...stops.slice(2)], `0 … ${number(gate)} flat`, `${number(0.5 * content.intensity_full)} and more`)],
+    () => ["Normals", el("div", { class: "keys" }, key("#ff8080", "x"), key("#80ff80", "y"), key("#8080ff", "z"))],
+    () => ["Seen by (nearest raw point)", el("div", { class: "keys" }, (content.summary.views.length ? content.summary.views.slice(0, 10) : [{ name: "the cloud" }]).map((v, k) => key(viewColour(k), v.name)))],
+    () => ["Removed by the filter, mm", ramp(["#2673f2", "#8b98a8", "#f27319"], `−${number(filterScale)} below`, `${number(filterScale)} above`)],
+  ];
+  $("legend").replaceChildren(...parts[state.colouring]().flat());
+}
+
+// Two standard deviations of the noise fill the colours of the filter's work.
+const filterScale = 2 * (content.summary.derived.find((d) => d.name === "noise_mm")?.value || 0.25);
+
+// Buttons with the seams' ids, each at the middle of its seam.
+function labels() {
+  tags = seams.map((seam) => {
+    const button = el("button", { type: "button", title: `Seam ${seam.id}: ${seam.joint}`, "aria-pressed": "false", style: { background: seam.selected ? seam.colour : "#7c8795" }, onclick: () => select(seam.id) }, String(seam.id));
+    return { seam, button, at: scene.anchor(seam) };
+  });
+  $("labels").append(...tags.map((tag) => tag.button));
+}
+
+function afterFrame(drawn) {
+  for (const { button, at } of tags) {
+    const { x, y, z } = drawn.project(at);
+    button.style.transform = `translate(${(x - 12).toFixed(1)}px, ${(y - 12).toFixed(1)}px)`;
+    button.style.visibility = z < 1 ? "visible" : "hidden";
+  }
+  const axes = drawn.compass().map((v, k) => ({ v, name: "xyz"[k], colour: ["#f0584c", "#2fb866", "#4b8bff"][k] })).sort((a, b) => a.v.z - b.v.z);
+  $("axes").replaceChildren(...axes.flatMap(({ v, name, colour }) => [
+    svg("line", { x2: 25 * v.x, y2: -25 * v.y, stroke: colour, "stroke-width": 3 }),
+    svg("text", { x: 34 * v.x, y: -34 * v.y + 4.5, fill: colour, "text-anchor": "middle" }, name)]));
+  const most = 150 / drawn.pxPerMm();
+  const power = 10 ** Math.floor(Math.log10(most));
+  const length = [5, 2, 1].map((f) => f * power).find((mm) => mm <= most);
+  $("scale").style.width = `${(length * drawn.pxPerMm()).toFixed(1)}px`;
+  $("scale").replaceChildren(el("span", {}, `${length} mm`));
+}
+
+// A click that is no drag selects the seam under it.
+function picking(canvas) {
+  let down = null;
+  canvas.addEventListener("pointerdown", (event) => { down = [event.clientX, event.clientY]; });
+  canvas.addEventListener("pointerup", (event) => {
+    if (!down || Math.hypot(event.clientX - down[0], event.clientY - down[1]) > 4) return;
+    const box = canvas.getBoundingClientRect();
+    const seam = scene.seamAt(event.clientX - box.left, event.clientY - box.top);
+    if (seam) select(seam.id);
+  });
+}
+
+function keyboard() {
+  document.addEventListener("keydown", (event) => {
+    if (event.ctrlKey || event.metaKey || event.altKey) return;
+    const tag = event.target.tagName;
+    if (tag === "SELECT" || tag === "BUTTON" || tag === "SUMMARY") return;
+    if (event.key === " ") play(!state.playing);
+    else if (event.key >= "1" && event.key <= "9") select(Number(event.key));
+    else if (tag !== "CANVAS") return;
+    else if (event.key === "f" || event.key === "F" || event.key === "Home") scene.look("home");
+    else if (event.key === "+" || event.key === "=") scene.nearer(0.85);
+    else if (event.key === "-") scene.nearer(1 / 0.85);
+    else if (event.key === "ArrowLeft") scene.turn(-0.1, 0);
+    else if (event.key === "ArrowRight") scene.turn(0.1, 0);
+    else if (event.key === "ArrowUp") scene.turn(0, -0.1);
+    else if (event.key === "ArrowDown") scene.turn(0, 0.1);
+    else return;
+    event.preventDefault();
+  });
+}
+
+function theme(dark) {
+  document.documentElement.dataset.theme = dark ? "dark" : "light";
+}
+
+function themes() {
+  const system = matchMedia("(prefers-color-scheme: dark)");
+  const dark = () => document.documentElement.dataset.theme === "dark";
+  theme(wish.has("theme") ? wish.get("theme") === "dark" : system.matches);
+  system.addEventListener("change", () => theme(system.matches));
+  $("theme").addEventListener("click", () => theme(!dark()));
+  $("print").addEventListener("click", () => window.print());
+  let before = false;
+  window.addEventListener("beforeprint", () => { before = dark(); theme(false); });
+  window.addEventListener("afterprint", () => theme(before));
+}
+
+function picture() {
+  try {
+    scene = new Scene($("canvas"), layers(), afterFrame);
+  } catch (error) {
+    // Without WebGL the numbers are still worth reading.
+    $("nogl").hidden = false;
+    $("canvas").hidden = true;
+    return;
+  }
+  scene.filterScale(filterScale);
+  state.colouring = Math.max(COLOURS.findIndex((name) => name.includes(wish.get("colour") ?? "height")), 0);
+  state.cloud = CLOUDS.find(([value]) => value === wish.get("cloud"))?.[0] ?? "model";
+  tools();
+  labels();
+  cloud(state.cloud);
+  colouring(state.colouring);
+  picking($("canvas"));
+  if (wish.has("look")) scene.look(wish.get("look"));
+}
+
+themes();
+panel.head();
+panel.tiles();
+panel.warnings(select);
+panel.list(select);
+player();
+picture();
+keyboard();
+panel.charts();
+panel.facts();
+seek(0);
+const first = seams.find((seam) => seam.selected) ?? seams[0];
+if (first) select(Number(wish.get("seam") ?? first.id));
+if (wish.has("t")) seek(Number(wish.get("t")));
+$("footer").textContent = `weldpath ${content.summary.weldpath}. Keys: arrows turn, + and − zoom, F shows all, digits select a seam, space plays. Look at the program in the controller's simulation before it is run.`;
+
+// For tests and the curious.
+globalThis.weldpath = { state, content, deviation, scene };

@@ -1,0 +1,313 @@
+// The 3-D picture. It is drawn when something has changed, and not otherwise.
+
+import * as THREE from "three";
+import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
+import { LineMaterial } from "three/examples/jsm/lines/LineMaterial.js";
+import { LineSegments2 } from "three/examples/jsm/lines/LineSegments2.js";
+import { LineSegmentsGeometry } from "three/examples/jsm/lines/LineSegmentsGeometry.js";
+import { content, deviation, seams, viewColour } from "./content.js";
+import { pointsOf, shared } from "./cloud.js";
+import { burns, waypoints, welds } from "./program.js";
+
+const centre = new THREE.Vector3(...content.centre_mm);
+const up = new THREE.Vector3(...content.up);
+const radius = content.radius_mm;
+const local = (p) => new THREE.Vector3(...p).sub(centre);
+const FOV = 32;
+// The paper's edge points come in no order: lines between them would hide everything.
+const ORDERED = !content.histograms.ratio_decides;
+// Lines that lie among points win over them.
+const ABOVE = { polygonOffset: true, polygonOffsetFactor: -8, polygonOffsetUnits: -400 };
+
+// Pairs of points as one draw call of wide lines.
+function wide(pairs, colours, width, options = {}) {
+  const geometry = new LineSegmentsGeometry().setPositions(pairs);
+  if (colours) geometry.setColors(colours);
+  const material = new LineMaterial({ linewidth: width, vertexColors: Boolean(colours), ...options });
+  const line = new LineSegments2(geometry, material);
+  line.frustumCulled = false;
+  return line;
+}
+
+function pairsOf(places, closed) {
+  const pairs = [];
+  for (let i = 0; i + 1 < places.length + (closed ? 1 : 0); i++) pairs.push(...places[i], ...places[(i + 1) % places.length]);
+  return pairs;
+}
+
+const repeat = (colour, pairs) => Array.from({ length: pairs.length / 3 }, () => colour.toArray()).flat();
+
+export class Scene {
+  constructor(canvas, layers, onFrame) {
+    this.canvas = canvas;
+    this.onFrame = onFrame;
+    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true, alpha: true, preserveDrawingBuffer: true });
+    this.scene = new THREE.Scene();
+    this.camera = new THREE.PerspectiveCamera(FOV, 1, radius / 200, radius * 60);
+    this.camera.up.copy(up);
+    this.controls = new OrbitControls(this.camera, canvas);
+    this.controls.zoomToCursor = true;
+    this.controls.maxDistance = radius * 20;
+    this.controls.addEventListener("change", () => this.redraw());
+    this.groups = {};
+    this.addClouds(layers);
+    this.addSeams();
+    this.addFrames();
+    this.addWay();
+    this.addCameras();
+    this.addTruth();
+    this.addTorch();
+    this.stats = { frames: 0, script_ms: 0, drawCalls: 0, points: 0 };
+    new ResizeObserver(() => this.resize()).observe(canvas);
+    this.resize();
+    this.look("home");
+  }
+
+  add(name, object, shown = true) {
+    object.visible = shown;
+    this.groups[name] = object;
+    this.scene.add(object);
+    return object;
+  }
+
+  addClouds({ model, raw }) {
+    const voxel = content.summary.derived.find((d) => d.name === "voxel_mm")?.value ?? radius / 100;
+    const spacing = content.summary.derived.find((d) => d.name === "spacing_mm")?.value ?? voxel;
+    // Of a thinned layer the points that are left fill more.
+    const thinned = (layer) => Math.sqrt(layer.of / layer.count);
+    if (model?.count) this.add("model", pointsOf(model, centre, 1.45 * voxel * thinned(model), 1.6));
+    if (raw?.count) this.add("raw", pointsOf(raw, centre, 0.6 * spacing * thinned(raw), 1.6), false);
+  }
+
+  addSeams() {
+    const [pairs, colours] = [[], []];
+    for (const seam of seams) {
+      const own = pairsOf(seam.line_mm.map((p) => local(p).toArray()), seam.closed);
+      const colour = new THREE.Color(seam.selected ? seam.colour : "#8b98a8");
+      pairs.push(...own);
+      colours.push(...repeat(colour, own));
+    }
+    if (!pairs.length) return;
+    // Hidden stretches show faintly.
+    if (ORDERED) this.add("hidden", wide(pairs, colours, 3, { depthTest: false, depthWrite: false, transparent: true, opacity: 0.35 }));
+    this.add("seams", wide(pairs, colours, ORDERED ? 4.5 : 1, { transparent: true, ...ABOVE })).renderOrder = 2;
+  }
+
+  // o red, m green, n blue, at most 60 a seam.
+  addFrames() {
+    const [pairs, colours] = [[], []];
+    const axes = [["#ff5a4d", [1, 0, 0], 0.5], ["#35c26b", [0, 1, 0], 0.7], ["#4d8dff", [0, 0, 1], 1]];
+    const length = Math.max(radius * 0.11, 5);
+    for (const weld of welds) {
+      const every = Math.max(1, Math.ceil((weld.end - weld.start) / 60));
+      for (let i = weld.start; i <= weld.end; i += every) {
+        const { position_mm, rotation } = waypoints[i];
+        const at = position_mm.clone().sub(centre);
+        for (const [css, axis, share] of axes) {
+          const end = new THREE.Vector3(...axis).applyQuaternion(rotation).multiplyScalar(length * share).add(at);
+          const pair = [...at.toArray(), ...end.toArray()];
+          pairs.push(...pair);
+          colours.push(...repeat(new THREE.Color(css), pair));
+        }
+      }
+    }
+    if (pairs.length) this.add("frames", wide(pairs, colours, 1.4)).renderOrder = 1;
+  }
+
+  // Approach, retract and air moves.
+  addWay() {
+    const pairs = [];
+    for (let i = 0; i + 1 < waypoints.length; i++) {
+      if (burns(i)) continue;
+      pairs.push(...waypoints[i].position_mm.clone().sub(centre).toArray(), ...waypoints[i + 1].position_mm.clone().sub(centre).toArray());
+    }
+    if (pairs.length) this.add("way", wide(pairs, null, 1.6, { color: "#9aa7b8", dashed: true, dashSize: 4, gapSize: 3 }));
+    this.groups.way?.computeLineDistances();
+  }
+
+  addCameras() {
+    const [pairs, colours] = [[], []];
+    content.cameras_mm.forEach((camera, k) => {
+      const tip = local(camera);
+      const ahead = tip.clone().negate().normalize();
+      const side = ahead.clone().cross(up);
+      if (side.lengthSq() < 1e-6) side.set(1, 0, 0).cross(ahead);
+      side.normalize();
+      const above = side.clone().cross(ahead);
+      const size = radius * 0.12;
+      const corner = (a, b) => tip.clone().addScaledVector(ahead, size).addScaledVector(side, 0.5 * a * size).addScaledVector(above, 0.38 * b * size).toArray();
+      const corners = [corner(-1, -1), corner(1, -1), corner(1, 1), corner(-1, 1)];
+      const own = [...pairsOf(corners, true), ...corners.flatMap((c) => [...tip.toArray(), ...c])];
+      pairs.push(...own);
+      colours.push(...repeat(new THREE.Color(viewColour(k)), own));
+    });
+    if (pairs.length) this.add("cameras", wide(pairs, colours, 1.8), false);
+  }
+
+  addTruth() {
+    const pairs = (deviation?.lines ?? []).flatMap((line) => pairsOf(line.line_mm.map((p) => local(p).toArray()), line.closed));
+    if (pairs.length) this.add("truth", wide(pairs, null, 1.6, { color: "#ffffff", depthTest: false, transparent: true })).renderOrder = 3;
+  }
+
+  // Wire 15 mm, nozzle of 22 mm, body: a common MIG torch, tip of the wire at the origin, axis along z.
+  addTorch() {
+    if (!waypoints.length) return;
+    const torch = this.add("torch", new THREE.Group());
+    const profile = [[0, 0], [0.6, 0], [0.6, 15], [8, 15], [11, 22], [11, 70], [15, 76], [15, 130], [0, 130]];
+    const shape = new THREE.LatheGeometry(profile.map(([r, z]) => new THREE.Vector2(r, z)), 28).rotateX(Math.PI / 2);
+    const body = new THREE.Mesh(shape, new THREE.MeshNormalMaterial({ transparent: true, opacity: 0.9, side: THREE.DoubleSide }));
+    body.material.onBeforeCompile = (shader) => {
+      // Steel, lit from the eye.
+      shader.fragmentShader = shader.fragmentShader.replace(
+        "gl_FragColor = vec4( normalize( normal ) * 0.5 + 0.5, diffuseColor.a );",
+        "float lit = abs( normalize( normal ).z ); gl_FragColor = vec4( mix( vec3( 0.17, 0.21, 0.27 ), vec3( 0.78, 0.83, 0.9 ), lit * lit ), diffuseColor.a );");
+    };
+    body.renderOrder = 4;
+    this.arc = new THREE.Mesh(new THREE.SphereGeometry(1, 16, 12), new THREE.MeshBasicMaterial({ color: "#ff9a1f", depthTest: false, transparent: true, opacity: 0.9 }));
+    this.arc.renderOrder = 5;
+    torch.add(body, this.arc);
+  }
+
+  moveTorch({ position_mm, rotation, arc }) {
+    const torch = this.groups.torch;
+    torch.position.copy(position_mm).sub(centre);
+    torch.quaternion.copy(rotation);
+    this.arc.visible = arc;
+    this.redraw();
+  }
+
+  highlight(seam) {
+    this.groups.chosen?.removeFromParent();
+    delete this.groups.chosen;
+    if (seam && ORDERED) {
+      const pairs = pairsOf(seam.line_mm.map((p) => local(p).toArray()), seam.closed);
+      const chosen = wide(pairs, null, 9, { color: "#ffffff", transparent: true, opacity: 0.85, depthWrite: false, ...ABOVE });
+      this.add("chosen", chosen).renderOrder = 1;
+    }
+    this.redraw();
+  }
+
+  show(name, shown) {
+    if (this.groups[name]) this.groups[name].visible = shown;
+    this.redraw();
+  }
+
+  filterScale(moved_mm) {
+    shared.moved_mm.value = moved_mm;
+  }
+
+  // Where a seam's label stands: off its middle, along the torch, base frame.
+  anchor(seam) {
+    const weld = welds.find((w) => w.seam === seam.id);
+    const middle = new THREE.Vector3(...seam.line_mm[seam.line_mm.length >> 1]);
+    const away = weld ? new THREE.Vector3(0, 0, 1).applyQuaternion(waypoints[(weld.start + weld.end) >> 1].rotation) : up.clone();
+    return middle.addScaledVector(away, Math.max(0.14 * radius, 6));
+  }
+
+  // Denoised, before the filter, or raw.
+  cloud(which) {
+    this.show("model", which !== "raw");
+    this.show("raw", which === "raw");
+    shared.unfiltered.value = which === "unfiltered" ? 1 : 0;
+  }
+
+  colouring(k) {
+    shared.colouring.value = k;
+    this.redraw();
+  }
+
+  look(from, about) {
+    const eye = new THREE.Vector3(...content.eye);
+    const level = eye.clone().addScaledVector(up, -eye.dot(up)).normalize();
+    const directions = { home: eye, top: up.clone().addScaledVector(level, 0.001), front: level.addScaledVector(up, 0.04), side: level.clone().cross(up).addScaledVector(up, 0.04) };
+    const places = about ? about.line_mm.map(local) : this.places ??= seams.flatMap((s) => s.line_mm.map(local));
+    const ball = new THREE.Sphere().setFromPoints(places.length ? places : [new THREE.Vector3(radius, 0, 0), new THREE.Vector3(-radius, 0, 0)]);
+    ball.radius += Math.max(0.3 * ball.radius, about ? 15 : 30);
+    const half = (FOV * Math.PI) / 360;
+    const wideEnough = Math.min(1, this.camera.aspect);
+    this.controls.target.copy(ball.center);
+    this.camera.position.copy(directions[from].normalize()).multiplyScalar(ball.radius / Math.sin(half) / wideEnough).add(ball.center);
+    this.controls.update();
+    this.redraw();
+  }
+
+  // By the keyboard: turn about the target, radians, or come nearer.
+  turn(about, above) {
+    const offset = this.camera.position.clone().sub(this.controls.target);
+    const side = up.clone().cross(offset).normalize();
+    const angle = offset.angleTo(up);
+    offset.applyAxisAngle(up, about).applyAxisAngle(side, THREE.MathUtils.clamp(above, 0.02 - angle, Math.PI - 0.02 - angle));
+    this.camera.position.copy(this.controls.target).add(offset);
+    this.controls.update();
+    this.redraw();
+  }
+
+  nearer(factor) {
+    this.camera.position.sub(this.controls.target).multiplyScalar(factor).add(this.controls.target);
+    this.controls.update();
+    this.redraw();
+  }
+
+  // Place on the canvas, px; z beyond 1 is behind the eye.
+  project(p_mm) {
+    const v = p_mm.clone().sub(centre).project(this.camera);
+    return { x: (0.5 + 0.5 * v.x) * this.width, y: (0.5 - 0.5 * v.y) * this.height, z: v.z };
+  }
+
+  // The seam within a few px of a place on the canvas.
+  seamAt(x, y) {
+    let best = { seam: null, px: 14 };
+    for (const seam of seams) {
+      const places = seam.line_mm.map((p) => this.project(new THREE.Vector3(...p)));
+      for (let i = 0; i + 1 < places.length + (seam.closed ? 1 : 0); i++) {
+        const [a, b] = [places[i], places[(i + 1) % places.length]];
+        if (a.z > 1 || b.z > 1) continue;
+        const [dx, dy] = [b.x - a.x, b.y - a.y];
+        const t = THREE.MathUtils.clamp(((x - a.x) * dx + (y - a.y) * dy) / (dx * dx + dy * dy || 1), 0, 1);
+        const px = Math.hypot(x - a.x - t * dx, y - a.y - t * dy);
+        if (px < best.px) best = { seam, px };
+      }
+    }
+    return best.seam;
+  }
+
+  pxPerMm() {
+    const distance = this.camera.position.distanceTo(this.controls.target);
+    return this.height / (2 * Math.tan((FOV * Math.PI) / 360) * distance);
+  }
+
+  // Where the axes of the base frame point on the screen.
+  compass() {
+    const turn = this.camera.quaternion.clone().invert();
+    return [[1, 0, 0], [0, 1, 0], [0, 0, 1]].map((axis) => new THREE.Vector3(...axis).applyQuaternion(turn));
+  }
+
+  resize() {
+    const { clientWidth: width, clientHeight: height } = this.canvas;
+    if (!width || !height) return;
+    Object.assign(this, { width, height });
+    const ratio = Math.min(window.devicePixelRatio || 1, 2);
+    this.renderer.setPixelRatio(ratio);
+    this.renderer.setSize(width, height, false);
+    this.camera.aspect = width / height;
+    this.camera.updateProjectionMatrix();
+    shared.px_at_1mm.value = (ratio * height) / (2 * Math.tan((FOV * Math.PI) / 360));
+    this.redraw();
+  }
+
+  redraw() {
+    this.wanted ??= requestAnimationFrame(() => {
+      this.wanted = undefined;
+      this.draw();
+    });
+  }
+
+  draw() {
+    const begin = performance.now();
+    if (this.arc?.visible) this.arc.scale.setScalar(4.5 / this.pxPerMm());
+    this.renderer.render(this.scene, this.camera);
+    this.onFrame(this);
+    const { calls, points } = this.renderer.info.render;
+    Object.assign(this.stats, { frames: this.stats.frames + 1, script_ms: performance.now() - begin, drawCalls: calls, points });
+  }
+}

@@ -1,0 +1,142 @@
+//! A page as a reader sees it: Chromium without a window, driven over its DevTools protocol through a pipe.
+
+use std::io::{BufRead, BufReader, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+
+use serde_json::{Value, json};
+
+/// Names under which distributions install it.
+const NAMES: [&str; 3] = ["chromium", "chromium-browser", "google-chrome"];
+
+/// Commands arrive at its descriptor 3, answers leave at 4, each message with a zero behind it. Software rendering: the
+/// same on a machine without a graphics card. A browser that hangs is ended after ten minutes.
+const START: &str = "exec timeout 600 \"$0\" --headless --no-sandbox --no-first-run --disable-dev-shm-usage \
+     --use-angle=swiftshader --enable-unsafe-swiftshader --remote-debugging-pipe --user-data-dir=\"$1\" \
+     3<&0 4>&1 0</dev/null 1>&2 2>/dev/null";
+
+/// Events that are a line of the page's console.
+const CONSOLE: [&str; 3] = ["Runtime.consoleAPICalled", "Runtime.exceptionThrown", "Log.entryAdded"];
+
+/// Chromium, or none, after saying so.
+///
+/// # Panics
+/// With `WELDPATH_REQUIRE_CHROMIUM` set, as `tests/all.sh` does, instead of none.
+pub fn chromium() -> Option<PathBuf> {
+    let path = std::env::var_os("PATH").unwrap_or_default();
+    let folders: Vec<PathBuf> = std::env::split_paths(&path).collect();
+    let found = NAMES.iter().flat_map(|name| folders.iter().map(move |f| f.join(name))).find(|p| p.is_file());
+    if found.is_none() {
+        let reason = "no chromium in PATH; install it: apt-get install chromium";
+        assert!(std::env::var_os("WELDPATH_REQUIRE_CHROMIUM").is_none(), "{reason}");
+        println!("skipped: {reason}");
+    }
+    found
+}
+
+/// A browser that shows one page, 1440 x 900 px.
+#[derive(Debug)]
+pub struct Browser {
+    child: Child,
+    commands: ChildStdin,
+    answers: BufReader<ChildStdout>,
+    session: Option<String>,
+    sent: u64,
+    events: Vec<Value>,
+    _home: tempfile::TempDir,
+}
+
+impl Browser {
+    /// Opens `page` and waits until it is loaded.
+    ///
+    /// # Panics
+    /// If the browser does not start.
+    pub fn open(chromium: &Path, page: &str) -> Self {
+        let home = tempfile::tempdir().expect("a folder");
+        let file = home.path().join("page.html");
+        std::fs::write(&file, page).expect("the page is written");
+        let mut child = Command::new("sh")
+            .args(["-c", START])
+            .arg(chromium)
+            .arg(home.path().join("profile"))
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("sh starts");
+        let (commands, answers) = (child.stdin.take().expect("a pipe"), child.stdout.take().expect("a pipe"));
+        let answers = BufReader::new(answers);
+        let mut browser =
+            Self { child, commands, answers, session: None, sent: 0, events: Vec::new(), _home: home };
+        let target = browser.call("Target.createTarget", json!({ "url": "about:blank" }))["targetId"].clone();
+        let session = browser.call("Target.attachToTarget", json!({ "targetId": target, "flatten": true }));
+        browser.session = session["sessionId"].as_str().map(str::to_owned);
+        for domain in ["Runtime", "Log", "Page"] {
+            browser.call(&format!("{domain}.enable"), json!({}));
+        }
+        let size = json!({ "width": 1440, "height": 900, "deviceScaleFactor": 1, "mobile": false });
+        browser.call("Emulation.setDeviceMetricsOverride", size);
+        browser.call("Page.navigate", json!({ "url": format!("file://{}", file.display()) }));
+        while !browser.events.iter().any(|event| event["method"] == "Page.loadEventFired") {
+            let event = browser.read();
+            browser.events.push(event);
+        }
+        browser
+    }
+
+    fn read(&mut self) -> Value {
+        let mut message = Vec::new();
+        self.answers.read_until(0, &mut message).expect("the pipe is read");
+        message.pop();
+        serde_json::from_slice(&message).expect("the browser answers")
+    }
+
+    fn call(&mut self, method: &str, params: Value) -> Value {
+        self.sent += 1;
+        let mut message = json!({ "id": self.sent, "method": method, "params": params });
+        if let Some(session) = &self.session {
+            message["sessionId"] = session.as_str().into();
+        }
+        self.commands.write_all(format!("{message}\0").as_bytes()).expect("the browser listens");
+        loop {
+            let mut answer = self.read();
+            if answer["id"] == self.sent {
+                assert!(answer["error"].is_null(), "{method}: {answer}");
+                return answer["result"].take();
+            }
+            self.events.push(answer);
+        }
+    }
+
+    /// The value of an expression in the page; a promise is waited for.
+    ///
+    /// # Panics
+    /// If it throws.
+    pub fn evaluate(&mut self, expression: &str) -> Value {
+        let params = json!({ "expression": expression, "awaitPromise": true, "returnByValue": true });
+        let mut answer = self.call("Runtime.evaluate", params);
+        assert!(answer["exceptionDetails"].is_null(), "{answer}");
+        answer["result"]["value"].take()
+    }
+
+    /// Clicks with the mouse at a place of the window, px.
+    pub fn click(&mut self, x: f64, y: f64) {
+        for kind in ["mousePressed", "mouseReleased"] {
+            let params = json!({ "type": kind, "x": x, "y": y, "button": "left", "clickCount": 1 });
+            self.call("Input.dispatchMouseEvent", params);
+        }
+    }
+
+    /// Everything that page and browser have said on the console.
+    pub fn console(&self) -> Vec<&Value> {
+        let said = |event: &&Value| CONSOLE.iter().any(|method| event["method"] == *method);
+        self.events.iter().filter(said).collect()
+    }
+}
+
+impl Drop for Browser {
+    fn drop(&mut self) {
+        // It ends by itself when nobody listens any more.
+        let _ = self.commands.write_all(b"{\"id\":0,\"method\":\"Browser.close\"}\0");
+        let _ = self.child.wait();
+    }
+}
