@@ -104,6 +104,7 @@ fn a_program_longer_than_the_ring_is_streamed_and_moved_to_its_end() {
             weld: true,
             seam: Some(1),
             kind: Kind::Weld,
+            dwell_s: None,
         })
         .collect();
     let file = folder.path().join("long.json");
@@ -187,6 +188,7 @@ fn the_exit_code_says_what_became_of_a_stream() {
             weld: false,
             seam: None,
             kind: Kind::Air,
+            dwell_s: None,
         };
         json::write(&[at(0.0), at(10.0)])
     };
