@@ -6,7 +6,7 @@ use weldpath_tests::command::weldpath;
 
 /// Inputs that are wrong, each in its own way.
 fn home() -> tempfile::TempDir {
-    let home = tempfile::tempdir().unwrap();
+    let home = tempfile::Builder::new().prefix("weldpath").tempdir().unwrap();
     let write = |name: &str, text: &str| std::fs::write(home.path().join(name), text).unwrap();
     write("flat.xyz", &(0..900).map(|i| format!("{} {} 0\n", i / 30, i % 30)).collect::<String>());
     write("torn.ply", "ply\nformat ascii 1.0\nelement vertex 9\n");

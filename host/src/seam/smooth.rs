@@ -17,6 +17,8 @@ const CLOSE: f64 = 1.06;
 /// degrees of an open curve, as a short arc is nearly a parabola.
 const HARMONICS: [usize; 4] = [6, 4, 2, 1];
 const DEGREES: [usize; 2] = [3, 2];
+/// Degree below a spline for the rest: what that is shrunk by no longer pulls the ends of a long arc inward.
+const MIXED_DEGREE: usize = 5;
 /// From here on a spline is stiffer than any of these shapes.
 const STRAIGHT: f64 = 1e8;
 
@@ -71,7 +73,7 @@ impl<const D: usize> Samples<'_, D> {
             STIFFNESS.into_iter().filter(move |s| (*s > STRAIGHT) == straight).map(Curve::Spline)
         };
         let (shapes, base) =
-            if self.closed { (&HARMONICS[..], HARMONICS[1]) } else { (&DEGREES[..], DEGREES[0]) };
+            if self.closed { (&HARMONICS[..], HARMONICS[1]) } else { (&DEGREES[..], MIXED_DEGREE) };
         let mixed = [1e3, 1e4, 1e5].map(|s| Curve::Both(base, s));
         let shaped = mixed.into_iter().chain(shapes.iter().map(|&most| Curve::Shape(most)));
         let curves: Vec<Curve> = if self.closed {
