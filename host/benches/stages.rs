@@ -187,6 +187,7 @@ fn seam(bencher: Bencher, case: Case) {
         names: vec!["view"],
         whole_views: false,
         cameras_known: true,
+        second_cue: false,
         last_scale: false,
     };
     run(bencher, case, || weldpath::seam::find(&input, &Default::default()).seams);

@@ -123,9 +123,9 @@ pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Re
     let whole_views = views.len() > 1 && cameras_known;
     let unknown_side = views.iter().any(|v| !v.camera_known && v.normals.is_empty());
     let first = downsampling::Scale::of(&merged, &patches, &config.downsampling);
-    let mut scales = scales(&first, whole_views).into_iter();
-    let (scale, model, found) = loop {
-        let Some(scale) = scales.next() else { return Err(no_seam(NOTHING.into())) };
+    let mut scales = scales(&first).into_iter();
+    let mut best: Option<Attempt> = None;
+    while let Some(scale) = scales.next() {
         observer.stage("downsampling");
         let mut voxels =
             clock.time("downsampling", || downsampling::voxel_grid(&merged, scale.edge_mm, scale.least));
@@ -152,6 +152,7 @@ pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Re
             names,
             whole_views,
             cameras_known,
+            second_cue: whole_views || scale.edge_mm > first.edge_mm || scales.len() == 0,
             last_scale: scale.edge_mm > first.edge_mm && scales.len() == 0,
         };
         let found = match config.method {
@@ -160,15 +161,23 @@ pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Re
                 clock.time("seam", || seam::paper::find(&input, ratio_threshold))
             }
         };
-        let intensity = &found.intensity;
-        observer.evidence(&Evidence { merged: &merged, voxels: &voxels, model: &model, intensity });
-        if !found.seams.is_empty() {
-            break (scale, model, found);
+        let attempt = Attempt { scale, voxels, model, found };
+        let weak = attempt.is_weak() && config.method == Method::Weldpath;
+        // Views that show a whole scene without a seam at their own scale show none.
+        let ends = if attempt.found.seams.is_empty() { whole_views } else { !weak };
+        if best.as_ref().is_none_or(|best| attempt.length_mm() > CLEARLY * best.length_mm()) {
+            best = Some(attempt);
         }
-        if scales.len() == 0 {
-            return Err(no_seam(found.reason));
+        if ends {
+            break;
         }
-    };
+    }
+    let Some(Attempt { scale, voxels, model, found }) = best else { return Err(no_seam(NOTHING.into())) };
+    let intensity = &found.intensity;
+    observer.evidence(&Evidence { merged: &merged, voxels: &voxels, model: &model, intensity });
+    if found.seams.is_empty() {
+        return Err(no_seam(found.reason));
+    }
     observer.stage("toolpath");
     let paths = clock.time("toolpath", || found.seams.iter().map(SeamPath::along).collect());
     let cameras_known = views.iter().all(|v| v.camera_known);
@@ -182,11 +191,36 @@ pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Re
     Ok(Plan { model, seams, paths, coverage, views: reports, derived, stage_s, warnings })
 }
 
-/// The voxels that are tried until they show a seam: blurred or quantised clouds show theirs only in larger ones.
-fn scales(first: &downsampling::Scale, only_first: bool) -> Vec<downsampling::Scale> {
+/// What one size of voxels showed.
+struct Attempt {
+    scale: downsampling::Scale,
+    voxels: downsampling::Voxels,
+    model: PointCloud,
+    found: seam::Found,
+}
+
+impl Attempt {
+    /// Of all its seams, mm.
+    fn length_mm(&self) -> f64 {
+        self.found.seams.iter().map(Seam::length_mm).sum()
+    }
+
+    /// Whether only scraps show, as of a blurred valley in voxels that are too small.
+    fn is_weak(&self) -> bool {
+        let longest_mm = self.found.seams.iter().map(Seam::length_mm).fold(0.0, f64::max);
+        longest_mm < WEAK_VOXELS * f64::from(self.scale.edge_mm)
+    }
+}
+
+/// Seams shorter than this, in voxels, ask for larger ones; those must show clearly more, by this factor.
+const WEAK_VOXELS: f64 = 22.0;
+const CLEARLY: f64 = 1.5;
+
+/// The voxels that are tried until they show seams: blurred or quantised clouds show theirs only in larger ones.
+fn scales(first: &downsampling::Scale) -> Vec<downsampling::Scale> {
     let mut scales = vec![*first];
     let coarser = [COARSER * first.edge_mm, COARSEST_MM];
-    for edge_mm in coarser.into_iter().filter(|edge| !only_first && *edge <= COARSEST_MM) {
+    for edge_mm in coarser.into_iter().filter(|edge| *edge <= COARSEST_MM) {
         if scales.last().is_some_and(|last| edge_mm > 1.1 * last.edge_mm) {
             scales.push(first.coarser(edge_mm / first.edge_mm));
         }

@@ -135,6 +135,8 @@ pub struct Input<'a> {
     pub whole_views: bool,
     /// Whether every point was seen by a camera of known place.
     pub cameras_known: bool,
+    /// Whether steps between layers are looked for, too: in the smallest voxels the layers of a sparse cloud have holes.
+    pub second_cue: bool,
     /// Whether these are larger voxels than the cloud asks for, the largest that are tried when no others show a seam.
     pub last_scale: bool,
 }
@@ -185,7 +187,7 @@ pub fn find(input: &Input, config: &Config) -> Found {
         described.partition(|seam| is_sure(seam) && seam.expected_error_mm < most_error_mm);
     found.seams = sure;
     found.warnings.extend(unsure.iter().map(left_out));
-    if found.seams.is_empty() {
+    if found.seams.is_empty() && input.second_cue {
         found.seams = steps(input, table.as_ref(), &grid, config);
     }
     mark_branches(&mut found.seams, 6.0 * f64::from(v));

@@ -327,4 +327,9 @@ fn two_views_of_the_y_shaped_piece_are_registered_from_their_stored_poses() {
     let after = overlap(&placed(poses, 1, 7), &placed(poses, 0, 1));
     println!("3_frame + 5_frame: inliers and rms before {before:.3?}, after {after:.3?}");
     assert!(after.0 >= 0.93 && after.1 <= 1.4, "{after:?}");
+    let plan =
+        pipeline::plan(&views, &Job::default().pipeline(), &mut ()).expect("the valley between the tubes");
+    let longest_mm = plan.seams.iter().map(weldpath::seam::Seam::length_mm).fold(0.0, f64::max);
+    println!("3_frame + 5_frame: {} seam(s), the longest {longest_mm:.0} mm", plan.seams.len());
+    assert!(longest_mm > 40.0);
 }

@@ -63,6 +63,7 @@ pub(super) fn curves(piece: &Piece, plan: &Plan) -> Curves {
             names,
             whole_views: true,
             cameras_known: true,
+            second_cue: false,
             last_scale: false,
         };
         let tensors = paper::tensors(&input);
