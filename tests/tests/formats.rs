@@ -10,6 +10,8 @@ use weldpath_tests::plans;
 
 const FORMATS: &str = include_str!("../../docs/formats.md");
 
+const FEASIBILITY: &str = include_str!("../../docs/feasibility.md");
+
 /// The first fenced block of this language.
 fn block(language: &str) -> &'static str {
     let (_, rest) = FORMATS.split_once(&format!("```{language}\n")).unwrap();
@@ -81,9 +83,13 @@ fn documented_keys() -> Vec<String> {
         let line = line.trim_start_matches("# ");
         let name = line.split(" = ").next().filter(|name| *name != line)?;
         let bare = name.rsplit('.').next()?;
-        bare.chars().all(|c| c.is_ascii_lowercase() || c == '_').then(|| bare.to_owned())
+        bare.chars()
+            .all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_')
+            .then(|| bare.to_owned())
     };
-    [block("toml"), block("toml seams")].iter().flat_map(|text| text.lines().filter_map(key)).collect()
+    let of_the_robot = FEASIBILITY.split("```toml\n").skip(1).filter_map(|text| text.split("```").next());
+    let blocks = [block("toml"), block("toml seams")].into_iter().chain(of_the_robot);
+    blocks.flat_map(|text| text.lines().filter_map(key)).collect()
 }
 
 #[test]
@@ -93,7 +99,22 @@ fn the_committed_schema_is_that_of_the_job_and_has_every_documented_key_and_no_o
     assert!(committed == Job::schema(), "write it anew: weldpath schema > docs/job.schema.json");
     let mut known = Vec::new();
     schema_keys(&serde_json::from_str(&committed).unwrap(), &mut known);
-    let tables = ["selection", "order", "path", "torch", "weave", "stitch", "arc", "tool", "pass", "seam"];
+    let tables = [
+        "selection",
+        "order",
+        "path",
+        "torch",
+        "weave",
+        "stitch",
+        "arc",
+        "tool",
+        "pass",
+        "seam",
+        "program",
+        "robot",
+        "opw",
+        "torch_body",
+    ];
     let documented = documented_keys();
     assert!(documented.len() > 45, "{documented:?}");
     for key in &documented {
