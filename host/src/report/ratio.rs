@@ -10,7 +10,7 @@ use weldpath_core::seam::{Tensor, gradient};
 /// Points in the histogram.
 const SAMPLE: usize = 2000;
 /// They are taken so many side by side, which share most of their neighbours, and the gradients there.
-const CLUMP: usize = 8;
+const CLUMP: usize = 16;
 /// Radius of the neighbourhoods, voxels, as for the intensities.
 const RADIUS_VOXELS: f32 = 4.0;
 
