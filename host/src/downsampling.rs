@@ -3,8 +3,8 @@
 //! Exact centroids. Voxels with few points are dropped, which removes flying pixels and outliers.
 
 use crate::cloud::{Merged, PointCloud};
-use crate::grid::Grid;
-use crate::normals::{Cells, Patches, median};
+use crate::normals::cells::Cells;
+use crate::normals::{Patches, median};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
@@ -110,54 +110,70 @@ pub struct Voxels {
 
 /// Thins a cloud to one point per voxel of `edge_mm` that holds at least `least` points.
 pub fn voxel_grid(merged: &Merged, edge_mm: f32, least: u32) -> Voxels {
-    let grid = Grid::new(&merged.points_mm, edge_mm);
-    let cells = Cells::new(&grid);
-    let near = cells.widen(&grid, &cells.sums(&grid), 1);
-    let kept: Vec<usize> = (0..cells.len()).filter(|&k| cells.moments[k].count >= least as f32).collect();
-    let slots: Vec<_> = grid.occupied().collect();
-    let points: Vec<(Point3<f32>, Vector3<f32>, Vector3<f32>)> = kept
-        .par_iter()
-        .map(|&k| {
-            let (cell, run) = &slots[k];
-            let own = &cells.moments[k];
-            let place = grid.centre(*cell) + own.sum / own.count;
-            let toward = toward_camera(merged, &grid, run.clone(), &place);
-            let normal = if merged.normals.is_empty() {
-                facing(near[k].plane().normal, &toward)
-            } else {
-                mean_direction(run.clone().map(|s| merged.normals[grid.index(s)]))
-            };
-            (place, normal, toward)
-        })
+    let cells = Cells::new(&merged.points_mm, edge_mm);
+    let sums = cells.sums();
+    let places: Vec<Point3<f32>> = (0..cells.len())
+        .map(|k| cells.centres_mm[k] + cells.moments[k].sum / cells.moments[k].count)
         .collect();
-    let mut voxels = Voxels { edge_mm: grid.cell_mm(), ..Voxels::default() };
-    voxels.cloud.origin_mm = merged.origin_mm;
-    for (&k, (place, normal, toward)) in kept.iter().zip(points) {
-        voxels.cloud.points_mm.push(place);
-        voxels.cloud.normals.push(normal);
-        voxels.toward_camera.push(toward);
-        voxels.count.push(cells.moments[k].count);
+    let toward = toward_cameras(merged, &cells, &places);
+    let given = given_normals(merged, &cells);
+    let kept: Vec<usize> = (0..cells.len()).filter(|&k| cells.moments[k].count >= least as f32).collect();
+    let normal = |&k: &usize| match given.get(k) {
+        Some(&given) => given,
+        None => facing(cells.window(k, &sums, 1).plane().normal, &toward[k]),
+    };
+    let of_kept = |all: &[Vector3<f32>]| kept.iter().map(|&k| all[k]).collect();
+    Voxels {
+        cloud: PointCloud {
+            origin_mm: merged.origin_mm,
+            points_mm: kept.iter().map(|&k| places[k]).collect(),
+            normals: kept.par_iter().map(normal).collect(),
+        },
+        count: kept.iter().map(|&k| cells.moments[k].count).collect(),
+        toward_camera: of_kept(&toward),
+        edge_mm: cells.cell_mm(),
     }
-    voxels
 }
 
 fn facing(normal: Vector3<f32>, toward: &Vector3<f32>) -> Vector3<f32> {
     if normal.dot(toward) < 0.0 { -normal } else { normal }
 }
 
-fn mean_direction(directions: impl Iterator<Item = Vector3<f32>>) -> Vector3<f32> {
-    directions.sum::<Vector3<f32>>().try_normalize(1e-6).unwrap_or_else(Vector3::z)
+fn direction(sum: &Vector3<f32>) -> Vector3<f32> {
+    sum.try_normalize(1e-6).unwrap_or_else(Vector3::z)
 }
 
-/// Mean direction from a voxel to the cameras of its points.
-fn toward_camera(
-    merged: &Merged,
-    grid: &Grid,
-    run: std::ops::Range<usize>,
-    place: &Point3<f32>,
-) -> Vector3<f32> {
-    mean_direction(run.map(|slot| {
-        let camera = merged.cameras_mm[usize::from(merged.view[grid.index(slot)])];
-        (camera - place).normalize()
-    }))
+/// Mean of the given normals of each voxel's points; empty if none are given.
+fn given_normals(merged: &Merged, cells: &Cells) -> Vec<Vector3<f32>> {
+    if merged.normals.is_empty() {
+        return Vec::new();
+    }
+    let mut sums = vec![Vector3::zeros(); cells.len()];
+    cells.of_point.iter().zip(&merged.normals).for_each(|(&k, normal)| sums[k as usize] += normal);
+    sums.iter().map(direction).collect()
+}
+
+/// Mean direction from each voxel to the cameras of its points.
+///
+/// Points come view by view, so a voxel's are counted until one of another view comes: a direction a view, not a point.
+fn toward_cameras(merged: &Merged, cells: &Cells, places: &[Point3<f32>]) -> Vec<Vector3<f32>> {
+    let toward = |k: usize, view: u16, count: f32| {
+        (merged.cameras_mm[usize::from(view)] - places[k]).normalize() * count
+    };
+    let mut sums = vec![Vector3::zeros(); cells.len()];
+    let mut latest = vec![(0u16, 0f32); cells.len()];
+    for (&k, &view) in cells.of_point.iter().zip(&merged.view) {
+        let k = k as usize;
+        let (of, count) = &mut latest[k];
+        if *of == view {
+            *count += 1.0;
+        } else {
+            if *count > 0.0 {
+                sums[k] += toward(k, *of, *count);
+            }
+            (*of, *count) = (view, 1.0);
+        }
+    }
+    let all = sums.iter().zip(latest).enumerate();
+    all.map(|(k, (sum, (view, count)))| direction(&(sum + toward(k, view, count)))).collect()
 }

@@ -4,7 +4,7 @@
 //! Queries outside the indexed box are clamped to its border cells.
 
 pub mod lanes;
-mod rows;
+pub(crate) mod rows;
 pub mod sweep;
 
 use nalgebra::{Point3, Vector3};
@@ -102,23 +102,6 @@ impl Grid {
             let slots = self.start[entry] as usize..self.start[entry + 1] as usize;
             (!slots.is_empty()).then_some((Cell { at, entry }, slots))
         })
-    }
-
-    /// The entries of the row of cells along x at `y`, `z`, and the x of the first of them.
-    #[inline]
-    pub fn row(&self, y: usize, z: usize) -> (usize, Range<usize>) {
-        let (row, end) = self.rows.row(y, z);
-        (row.first_x as usize, row.entry as usize..end as usize)
-    }
-
-    /// Centre of a cell, mm.
-    pub fn centre(&self, cell: Cell) -> Point3<f32> {
-        Point3::from([0, 1, 2].map(|k| self.rows.low_mm[k] + (cell.at[k] as f32 + 0.5) * self.rows.cell_mm))
-    }
-
-    /// Number of cells along x, y, z.
-    pub fn cells(&self) -> [usize; 3] {
-        self.rows.cells
     }
 
     /// Calls `visit` with runs of slots that hold every point within `radius_mm` of `q`, and others near it.

@@ -4,10 +4,12 @@
 //! Departure from the paper: one normal per cell, not per raw point, because a third of a millimetre of noise at half
 //! a millimetre of spacing leaves a raw point's normal meaningless.
 
+pub(crate) mod cells;
 pub mod pointwise;
 
 use crate::cloud::{PointCloud, View};
-use crate::grid::{Cell, Grid};
+use crate::grid::Grid;
+use cells::{Cells, Sums};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
@@ -94,12 +96,12 @@ const MIN_BREADTH: f32 = 0.1;
 
 /// Patches in cells of the given edge, and how many points have enough neighbours on all sides for a fit.
 fn in_cells(view: &View, spacing_mm: f32, cell_mm: f32, config: &Config) -> (Patches, f32) {
-    let grid = Grid::new(&view.points_mm, cell_mm);
-    let cells = Cells::new(&grid);
+    let cells = Cells::new(&view.points_mm, cell_mm);
+    let cell_mm = cells.cell_mm();
     // Windows of 3, 5 and 9 cells, the larger ones tapered.
-    let near = cells.widen(&grid, &cells.sums(&grid), 1);
-    let wide = cells.widen(&grid, &near, 1);
-    let far = cells.widen(&grid, &wide, 2);
+    let near = cells.widen(&cells.sums(), 1);
+    let wide = cells.widen(&near, 1);
+    let far = cells.widen(&wide, 2);
     let narrow: Vec<Plane> = near.par_iter().map(Sums::plane).collect();
     let mut sizes: Vec<f32> = narrow.iter().map(|p| p.variance_mm2).collect();
     let noise_mm2 = median(&mut sizes);
@@ -107,14 +109,13 @@ fn in_cells(view: &View, spacing_mm: f32, cell_mm: f32, config: &Config) -> (Pat
     let quarter = sizes.len() / 4;
     let quiet_mm2 =
         if sizes.is_empty() { 0.0 } else { *sizes.select_nth_unstable_by(quarter, f32::total_cmp).1 };
-    let mut patches =
-        Patches { cell_mm: grid.cell_mm(), spacing_mm, noise_mm: quiet_mm2.sqrt(), ..Patches::default() };
+    let mut patches = Patches { cell_mm, spacing_mm, noise_mm: quiet_mm2.sqrt(), ..Patches::default() };
     let mut fitted = 0.0;
     for (k, own) in cells.moments.iter().enumerate() {
         if own.count < config.min_points as f32 || narrow[k].points < config.min_fit_points as f32 {
             continue;
         }
-        if narrow[k].middle_mm2 > MIN_BREADTH * grid.cell_mm().powi(2) {
+        if narrow[k].middle_mm2 > MIN_BREADTH * cell_mm.powi(2) {
             fitted += own.count;
         }
         let mut plane = narrow[k];
@@ -127,7 +128,7 @@ fn in_cells(view: &View, spacing_mm: f32, cell_mm: f32, config: &Config) -> (Pat
         }
         let mean = own.sum / own.count;
         // The cell's own mean, not its foot on a larger plane: that would move curved surfaces inward.
-        let position = grid.centre(cells.cells[k]) + mean;
+        let position = cells.centres_mm[k] + mean;
         let incidence_cos = (plane.normal.dot(&position.coords) / position.coords.norm()).abs();
         if incidence_cos < config.min_incidence_cos {
             continue;
@@ -239,108 +240,6 @@ impl Plane {
             middle_mm2: eigen.middle.max(1e-6) as f32,
             points,
         }
-    }
-}
-
-/// Moments of the occupied cells of a grid, each about its cell's centre.
-pub(crate) struct Cells {
-    pub(crate) cells: Vec<Cell>,
-    pub(crate) moments: Vec<Moments>,
-    /// Position in `moments` plus one, per entry of the grid; 0 where empty.
-    at: Vec<u32>,
-}
-
-impl Cells {
-    pub(crate) fn new(grid: &Grid) -> Self {
-        let mut cells = Self { cells: Vec::new(), moments: Vec::new(), at: vec![0; grid.entries()] };
-        for (cell, slots) in grid.occupied() {
-            let centre = grid.centre(cell);
-            let mut moments = Moments::default();
-            for slot in slots {
-                moments.add(grid.point(slot) - centre);
-            }
-            cells.cells.push(cell);
-            cells.moments.push(moments);
-            cells.at[cell.entry] = cells.moments.len() as u32;
-        }
-        cells
-    }
-
-    pub(crate) fn len(&self) -> usize {
-        self.moments.len()
-    }
-
-    /// Sums of the cells' own points.
-    pub(crate) fn sums(&self, grid: &Grid) -> Vec<Sums> {
-        self.cells.par_iter().zip(&self.moments).map(|(&cell, own)| Sums::new(cell, own, grid)).collect()
-    }
-
-    /// Adds to each cell's sums those of its 26 neighbours `stride` cells away.
-    pub(crate) fn widen(&self, grid: &Grid, sums: &[Sums], stride: usize) -> Vec<Sums> {
-        self.cells.par_iter().map(|&cell| self.window(cell, grid, sums, stride)).collect()
-    }
-
-    fn window(&self, cell: Cell, grid: &Grid, sums: &[Sums], stride: usize) -> Sums {
-        let limit = grid.cells();
-        let steps = |k: usize| {
-            let low = cell.at[k].checked_sub(stride);
-            let high = Some(cell.at[k] + stride).filter(|&at| at < limit[k]);
-            [low, Some(cell.at[k]), high].into_iter().flatten()
-        };
-        let mut window = Sums::default();
-        for z in steps(2) {
-            for y in steps(1) {
-                let (first_x, entries) = grid.row(y, z);
-                let row = &self.at[entries];
-                for x in steps(0) {
-                    let found = row.get(x.wrapping_sub(first_x)).map_or(0, |at| *at as usize);
-                    if let Some(other) = found.checked_sub(1) {
-                        window.absorb(&sums[other]);
-                    }
-                }
-            }
-        }
-        window
-    }
-}
-
-/// Count, sum and second moments of points about one origin for all cells, so that they add up term by term: 1, x y z,
-/// xx xy xz yy yz zz. Double precision makes up for the distance of the origin.
-#[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Sums([f64; 10]);
-
-impl Sums {
-    /// About the middle of the grid's first cell.
-    fn new(cell: Cell, own: &Moments, grid: &Grid) -> Self {
-        let [x, y, z] = cell.at.map(|at| at as f64 * f64::from(grid.cell_mm()));
-        let [n, u, v, w] = [own.count, own.sum.x, own.sum.y, own.sum.z].map(f64::from);
-        let s = own.second.map(f64::from);
-        Self([
-            n,
-            u + n * x,
-            v + n * y,
-            w + n * z,
-            s[0] + 2.0 * x * u + n * x * x,
-            s[1] + x * v + y * u + n * x * y,
-            s[2] + x * w + z * u + n * x * z,
-            s[3] + 2.0 * y * v + n * y * y,
-            s[4] + y * w + z * v + n * y * z,
-            s[5] + 2.0 * z * w + n * z * z,
-        ])
-    }
-
-    fn absorb(&mut self, other: &Self) {
-        self.0.iter_mut().zip(&other.0).for_each(|(own, more)| *own += more);
-    }
-
-    /// The plane fitted to the points.
-    pub(crate) fn plane(&self) -> Plane {
-        let [n, x, y, z, s @ ..] = self.0;
-        let per = 1.0 / n.max(1.0);
-        let [x, y, z] = [x, y, z].map(|sum| sum * per);
-        let [xx, xy, xz, yy, yz, zz] = s.map(|sum| sum * per);
-        let scatter = [xx - x * x, xy - x * y, xz - x * z, yy - y * y, yz - y * z, zz - z * z];
-        Plane::new(Vector3::new(x, y, z).cast(), scatter, n.max(1.0) as f32)
     }
 }
 

@@ -15,35 +15,35 @@ const SHARE: usize = 1 << 14;
 
 /// Rows of cubic cells over the box of some points.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Rows {
-    pub(super) low_mm: [f32; 3],
-    pub(super) cell_mm: f32,
+pub(crate) struct Rows {
+    pub(crate) low_mm: [f32; 3],
+    pub(crate) cell_mm: f32,
     per_mm: f32,
     /// Farthest that a point may lie beside its cell by rounding, mm.
     slack_mm: f32,
     /// Number of cells along x, y, z.
-    pub(super) cells: [usize; 3],
+    pub(crate) cells: [usize; 3],
     /// One per row, and one past the last.
     rows: Vec<Row>,
 }
 
 /// x of a row's first entry, and where its entries begin.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Row {
-    pub(super) first_x: u32,
-    pub(super) entry: u32,
+pub(crate) struct Row {
+    pub(crate) first_x: u32,
+    pub(crate) entry: u32,
 }
 
 /// The cell of a point: its row and its x.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct CellAt {
-    pub(super) row: u32,
-    pub(super) x: u32,
+pub(crate) struct CellAt {
+    pub(crate) row: u32,
+    pub(crate) x: u32,
 }
 
 impl Rows {
     /// Lays rows of cells of about `cell_mm` over `points`, which must be finite, and finds the cell of each.
-    pub(super) fn over(points: &[Point3<f32>], cell_mm: f32) -> (Self, Vec<CellAt>) {
+    pub(crate) fn over(points: &[Point3<f32>], cell_mm: f32) -> (Self, Vec<CellAt>) {
         let (low_mm, high_mm) = bounds(points);
         let budget = (points.len() * MAX_ENTRIES_PER_POINT).max(MIN_ENTRIES);
         let farthest = (0..3).map(|k| low_mm[k].abs().max(high_mm[k].abs())).fold(0.0, f32::max);
@@ -83,26 +83,26 @@ impl Rows {
     }
 
     /// Number of table entries.
-    pub(super) fn entries(&self) -> usize {
+    pub(crate) fn entries(&self) -> usize {
         self.rows.last().map_or(0, |end| end.entry as usize)
     }
 
     /// The entry of a point's cell.
     #[inline]
-    pub(super) fn entry_of(&self, at: &CellAt) -> usize {
+    pub(crate) fn entry_of(&self, at: &CellAt) -> usize {
         let row = self.rows[at.row as usize];
         (row.entry + (at.x - row.first_x)) as usize
     }
 
     /// A row, and where its entries end.
     #[inline]
-    pub(super) fn row(&self, y: usize, z: usize) -> (Row, u32) {
+    pub(crate) fn row(&self, y: usize, z: usize) -> (Row, u32) {
         let row = z * self.cells[1] + y;
         (self.rows[row], self.rows[row + 1].entry)
     }
 
     /// Entries and places of all cells that have one, in order.
-    pub(super) fn all(&self) -> impl Iterator<Item = (usize, [usize; 3])> + '_ {
+    pub(crate) fn all(&self) -> impl Iterator<Item = (usize, [usize; 3])> + '_ {
         let ny = self.cells[1];
         self.rows.windows(2).enumerate().flat_map(move |(row, w)| {
             (w[0].entry..w[1].entry).map(move |entry| {
@@ -114,20 +114,26 @@ impl Rows {
 
     /// Low corner of a cell, mm.
     #[inline]
-    pub(super) fn corner_mm(&self, at: [usize; 3]) -> [f32; 3] {
+    pub(crate) fn corner_mm(&self, at: [usize; 3]) -> [f32; 3] {
         [0, 1, 2].map(|k| self.low_mm[k] + at[k] as f32 * self.cell_mm)
+    }
+
+    /// Centre of a cell, mm.
+    #[inline]
+    pub(crate) fn centre(&self, at: [usize; 3]) -> Point3<f32> {
+        Point3::from([0, 1, 2].map(|k| self.low_mm[k] + (at[k] as f32 + 0.5) * self.cell_mm))
     }
 
     /// The cell of a place along an axis; outside the box, the border cell.
     #[inline]
-    pub(super) fn along(&self, axis: usize, mm: f32) -> usize {
+    pub(crate) fn along(&self, axis: usize, mm: f32) -> usize {
         // A negative float becomes 0 in the conversion, so both ends are clamped.
         (((mm - self.low_mm[axis]) * self.per_mm) as usize).min(self.cells[axis] - 1)
     }
 
     /// The cell of a place; outside the box, the border cell.
     #[inline]
-    pub(super) fn cell(&self, p: &Point3<f32>) -> [usize; 3] {
+    pub(crate) fn cell(&self, p: &Point3<f32>) -> [usize; 3] {
         [0, 1, 2].map(|k| self.along(k, p[k]))
     }
 
@@ -139,7 +145,7 @@ impl Rows {
     /// Distance of `q` from the slab of cells `at` along an axis, mm, or a little less: points are put into cells in
     /// single precision, and some lie beside theirs by a rounding error. Beyond the box, the border cells go on.
     #[inline]
-    pub(super) fn gap_mm(&self, q: &Point3<f32>, axis: usize, at: usize) -> f32 {
+    pub(crate) fn gap_mm(&self, q: &Point3<f32>, axis: usize, at: usize) -> f32 {
         let low = self.low_mm[axis] + at as f32 * self.cell_mm;
         (low - q[axis]).max(q[axis] - (low + self.cell_mm)).max(self.slack_mm) - self.slack_mm
     }

@@ -79,9 +79,10 @@ pub(super) fn svg(run: &Run, scene: &Scene) -> String {
     let (width, views_high) = (2.0 * WIDTH + 3.0 * GAP, 2.0 * (HEIGHT + GAP));
     let height = HEADER + views_high + ROW * (seams.len() as f64 + 2.0);
     let mut text = head(run, width, height);
+    let colours = raster::colours(&run.plan.model, scene);
     let drawn: Vec<String> = views
         .into_par_iter()
-        .map(|(name, toward)| view(run, scene, name, &Projection::new(run, scene, toward)))
+        .map(|(name, toward)| view(run, &colours, name, &Projection::new(run, scene, toward)))
         .collect();
     for (k, drawn) in drawn.iter().enumerate() {
         let x = GAP + (k % 2) as f64 * (WIDTH + GAP);
@@ -118,11 +119,11 @@ fn head(run: &Run, width: f64, height: f64) -> String {
     )
 }
 
-fn view(run: &Run, scene: &Scene, name: &str, projection: &Projection) -> String {
+fn view(run: &Run, colours: &[[f32; 3]], name: &str, projection: &Projection) -> String {
     let mut whole = String::new();
     let text = &mut whole;
     add(text, format_args!("<rect width=\"{WIDTH}\" height=\"{HEIGHT}\" fill=\"#f3f5f8\"/>"));
-    let png = raster::png(&run.plan.model, scene, projection, voxel_mm(run));
+    let png = raster::png(&run.plan.model, colours, projection, voxel_mm(run));
     let png = STANDARD.encode(png);
     add(
         text,

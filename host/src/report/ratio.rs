@@ -9,6 +9,8 @@ use weldpath_core::seam::{Tensor, gradient};
 
 /// Points in the histogram.
 const SAMPLE: usize = 2000;
+/// They are taken so many side by side, which share most of their neighbours, and the gradients there.
+const CLUMP: usize = 16;
 /// Radius of the neighbourhoods, voxels, as for the intensities.
 const RADIUS_VOXELS: f32 = 4.0;
 
@@ -30,13 +32,22 @@ pub(super) fn sampled(evidence: &Evidence) -> Vec<f32> {
         let (at, own) = (grid.point(slot), intensity[grid.index(slot)]);
         gradient(near(slot).into_iter().map(|(k, _)| (grid.point(k) - at, intensity[grid.index(k)] - own)))
     };
-    let ratio = |slot: usize| {
-        let gradients: Vec<(f32, Vector3<f32>)> =
-            near(slot).into_iter().map(|(k, d2)| (d2, gradient_at(k))).collect();
-        Tensor::smoothed(&gradient_at(slot), gradients.iter().map(|(d2, g)| (*d2, g))).ratio()
+    let ratios = |clump: usize| -> Vec<f32> {
+        let own = CLUMP * clump..(CLUMP * (clump + 1)).min(grid.len());
+        let around: Vec<_> = own.clone().map(near).collect();
+        let mut slots: Vec<usize> = around.iter().flatten().map(|n| n.0).chain(own.clone()).collect();
+        slots.sort_unstable();
+        slots.dedup();
+        let gradients: Vec<Vector3<f32>> = slots.iter().map(|&slot| gradient_at(slot)).collect();
+        let at = |slot: usize| slots.binary_search(&slot).ok().and_then(|k| gradients.get(k));
+        let ratio = |(slot, near): (usize, &Vec<(usize, f32)>)| {
+            let near = near.iter().filter_map(|&(k, d2)| Some((d2, at(k)?)));
+            Some(Tensor::smoothed(at(slot)?, near.collect::<Vec<_>>().into_iter()).ratio())
+        };
+        own.zip(&around).filter_map(ratio).collect()
     };
-    let slots: Vec<usize> = even_sample(grid.len(), SAMPLE).collect();
-    slots.into_par_iter().map(ratio).collect()
+    let clumps: Vec<usize> = even_sample(grid.len().div_ceil(CLUMP), SAMPLE / CLUMP).collect();
+    clumps.into_par_iter().flat_map_iter(ratios).collect()
 }
 
 #[cfg(test)]

@@ -67,7 +67,8 @@ impl Recording {
         let mut raw_picks: Vec<usize> = even_sample(raw_of, RAW_POINTS).collect();
         raw_picks.retain(|&i| frame.holds(&merged.points_mm[i]));
         let raw_points: Vec<Point3<f32>> = raw_picks.iter().map(|&i| merged.points_mm[i]).collect();
-        let raw_grid = Grid::new(&raw_points, voxels.edge_mm);
+        // The sample is thinner than the model: a cell of one voxel would often be empty.
+        let raw_grid = Grid::new(&raw_points, 2.0 * voxels.edge_mm);
         let near_mm = NEAR_VOXELS * voxels.edge_mm;
         let model_sample = |k: usize| {
             let (position_mm, normal) = (model.points_mm[k], model.normals[k]);

@@ -4,13 +4,10 @@
 use super::{Found, Input, Joint, Seam, Station, edges};
 use crate::grid::Grid;
 use nalgebra::Vector3;
-use rayon::prelude::*;
-use weldpath_core::seam::{RatioThreshold, Tensor, gradient, intensity};
+use weldpath_core::seam::{RatioThreshold, Tensor};
 
 /// Radius of the neighbourhoods, voxels (the paper gives none).
 const RADIUS_VOXELS: f32 = 4.0;
-/// Capacity of a neighbourhood.
-const CAPACITY: usize = 192;
 
 /// Every point whose `Tr³/Det` reaches the threshold, as one seam.
 pub fn find(input: &Input, ratio_threshold: f64) -> Found {
@@ -64,35 +61,9 @@ pub fn edge_points(input: &Input, threshold: RatioThreshold) -> Vec<usize> {
 pub fn tensors(input: &Input) -> Vec<Tensor> {
     let radius_mm = RADIUS_VOXELS * input.voxels.edge_mm;
     let grid = Grid::new(&input.model.points_mm, radius_mm);
-    let near = |slot: usize| {
-        let at = grid.point(slot);
-        let mut found = heapless::Vec::<(usize, Vector3<f32>, f32), CAPACITY>::new();
-        grid.within(&at, radius_mm, |other, d2| {
-            if other != slot {
-                let _ = found.push((other, grid.point(other) - at, d2));
-            }
-        });
-        found
-    };
-    let all = || (0..grid.len()).into_par_iter().with_min_len(256);
-    let intensities: Vec<f32> = all()
-        .map(|slot| {
-            let offsets: heapless::Vec<Vector3<f32>, CAPACITY> = near(slot).iter().map(|n| n.1).collect();
-            intensity(&offsets, radius_mm)
-        })
-        .collect();
-    let gradients: Vec<Vector3<f32>> = all()
-        .map(|slot| {
-            let near = near(slot);
-            gradient(near.iter().map(|&(other, offset, _)| (offset, intensities[other] - intensities[slot])))
-        })
-        .collect();
-    let by_slot: Vec<Tensor> = all()
-        .map(|slot| {
-            let near = near(slot);
-            Tensor::smoothed(&gradients[slot], near.iter().map(|(other, _, d2)| (*d2, &gradients[*other])))
-        })
-        .collect();
+    let intensities: Vec<f32> = edges::asymmetries(&grid, radius_mm).iter().map(Vector3::norm).collect();
+    let gradients = edges::gradients(&grid, radius_mm, &intensities);
+    let by_slot = edges::tensors(&grid, radius_mm, &gradients);
     let mut tensors = vec![Tensor::default(); grid.len()];
     by_slot.into_iter().enumerate().for_each(|(slot, t)| tensors[grid.index(slot)] = t);
     tensors

@@ -4,6 +4,7 @@ use super::super::colour::on_ramp;
 use super::super::content::Scene;
 use super::{HEIGHT, Projection, WIDTH};
 use crate::cloud::PointCloud;
+use nalgebra::Vector3;
 
 /// Pixels of the image per px of the picture.
 const FINE: f64 = 1.25;
@@ -17,8 +18,26 @@ struct Image {
     rgba: Vec<[u8; 4]>,
 }
 
-/// A PNG of the model as `projection` shows it; every point is a square of about `size_mm`.
-pub(super) fn png(model: &PointCloud, scene: &Scene, projection: &Projection, size_mm: f64) -> Vec<u8> {
+/// Colour of each point before it is shaded, 0..255: by height, and paler away from the work.
+pub(super) fn colours(model: &PointCloud, scene: &Scene) -> Vec<[f32; 3]> {
+    let [low, high] = scene.heights_mm;
+    let of = |i: usize| {
+        let v = model.in_base_mm(i) - scene.centre_mm;
+        // What is not the work steps back, as on the page.
+        let plain = 0.75 * ((v.norm() / scene.radius_mm - 1.1) / 0.4).clamp(0.0, 1.0);
+        let [r, g, b] = on_ramp((scene.up.dot(&v) - low) / (high - low)).map(f64::from);
+        [(r, 196.0), (g, 204.0), (b, 214.0)].map(|(c, grey)| ((1.0 - plain) * c + plain * grey) as f32)
+    };
+    (0..model.len()).map(of).collect()
+}
+
+/// A PNG of the model as `projection` shows it, in `colours`; every point is a square of about `size_mm`.
+pub(super) fn png(
+    model: &PointCloud,
+    colours: &[[f32; 3]],
+    projection: &Projection,
+    size_mm: f64,
+) -> Vec<u8> {
     let (width, height) = ((WIDTH * FINE) as usize, (HEIGHT * FINE) as usize);
     let mut image = Image {
         width,
@@ -27,18 +46,11 @@ pub(super) fn png(model: &PointCloud, scene: &Scene, projection: &Projection, si
         rgba: vec![[0; 4]; width * height],
     };
     let size = (1.3 * size_mm * projection.px_per_mm * FINE).clamp(1.0, LARGEST);
-    let [low, high] = scene.heights_mm;
-    for i in 0..model.len() {
-        let p_mm = model.in_base_mm(i);
-        let (place, toward_mm) = projection.place(&p_mm);
-        let height_mm = scene.up.dot(&(p_mm - scene.centre_mm));
-        let facing = model.normals.get(i).map_or(1.0, |n| n.cast::<f64>().dot(&projection.toward).abs());
-        // What is not the work steps back, as on the page.
-        let away = ((p_mm - scene.centre_mm).norm() / scene.radius_mm - 1.1) / 0.4;
-        let plain = 0.75 * away.clamp(0.0, 1.0);
-        let shown = |c: u8, grey: f64| ((1.0 - plain) * f64::from(c) + plain * grey) * (0.45 + 0.55 * facing);
-        let [r, g, b] = on_ramp((height_mm - low) / (high - low));
-        let [r, g, b] = [shown(r, 196.0), shown(g, 204.0), shown(b, 214.0)].map(|c| c as u8);
+    let toward: Vector3<f32> = projection.toward.cast();
+    for (i, colour) in colours.iter().enumerate() {
+        let (place, toward_mm) = projection.place(&model.in_base_mm(i));
+        let facing = model.normals.get(i).map_or(1.0, |n| n.dot(&toward).abs());
+        let [r, g, b] = colour.map(|c| (c * (0.45 + 0.55 * facing)) as u8);
         image.square(place.coords.into(), size, toward_mm, [r, g, b, 255]);
     }
     image.encode().unwrap_or_default()
@@ -65,6 +77,7 @@ impl Image {
         let mut encoder = png::Encoder::new(&mut bytes, self.width as u32, self.height as u32);
         encoder.set_color(png::ColorType::Rgba);
         encoder.set_depth(png::BitDepth::Eight);
+        encoder.set_compression(png::Compression::Fast);
         encoder.write_header()?.write_image_data(self.rgba.as_flattened())?;
         Ok(bytes)
     }

@@ -1,0 +1,128 @@
+//! Sums over the points of each occupied cell, and over windows of cells.
+//!
+//! The points are not sorted: each finds its cell and is added to it, in the order of the cloud.
+
+use super::{Moments, Plane};
+use crate::grid::rows::Rows;
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+/// Moments of the occupied cells over some points, each about its cell's centre.
+pub(crate) struct Cells {
+    rows: Rows,
+    /// Cells from the low corner along x, y, z.
+    places: Vec<[u32; 3]>,
+    pub(crate) centres_mm: Vec<Point3<f32>>,
+    pub(crate) moments: Vec<Moments>,
+    /// Position in `moments` of each point's cell.
+    pub(crate) of_point: Vec<u32>,
+    /// Position in `moments` plus one, per entry of the rows; 0 where empty.
+    at: Vec<u32>,
+}
+
+impl Cells {
+    /// Gathers finite `points` in cells of about `cell_mm`, in the order of the cells along x, then y, then z.
+    pub(crate) fn new(points: &[Point3<f32>], cell_mm: f32) -> Self {
+        let (rows, cells) = Rows::over(points, cell_mm);
+        let mut at = vec![0u32; rows.entries()];
+        let mut of_point: Vec<u32> = cells.iter().map(|cell| rows.entry_of(cell) as u32).collect();
+        of_point.iter().for_each(|&entry| at[entry as usize] = 1);
+        let (mut places, mut centres_mm) = (Vec::new(), Vec::new());
+        for (entry, place) in rows.all().filter(|(entry, _)| at[*entry] > 0).collect::<Vec<_>>() {
+            places.push(place.map(|k| k as u32));
+            centres_mm.push(rows.centre(place));
+            at[entry] = places.len() as u32;
+        }
+        let mut moments = vec![Moments::default(); places.len()];
+        for (of, p) in of_point.iter_mut().zip(points) {
+            *of = at[*of as usize] - 1;
+            moments[*of as usize].add(p - centres_mm[*of as usize]);
+        }
+        Self { rows, places, centres_mm, moments, of_point, at }
+    }
+
+    /// Edge of a cell, mm; at least what was asked for.
+    pub(crate) fn cell_mm(&self) -> f32 {
+        self.rows.cell_mm
+    }
+
+    pub(crate) fn len(&self) -> usize {
+        self.moments.len()
+    }
+
+    /// Sums of the cells' own points.
+    pub(crate) fn sums(&self) -> Vec<Sums> {
+        let own = self.places.par_iter().zip(&self.moments);
+        own.map(|(&at, own)| Sums::new(at, own, self.rows.cell_mm)).collect()
+    }
+
+    /// Adds to each cell's sums those of its 26 neighbours `stride` cells away.
+    pub(crate) fn widen(&self, sums: &[Sums], stride: usize) -> Vec<Sums> {
+        (0..self.len()).into_par_iter().map(|k| self.window(k, sums, stride)).collect()
+    }
+
+    /// The sums of one cell and its 26 neighbours `stride` cells away.
+    pub(crate) fn window(&self, k: usize, sums: &[Sums], stride: usize) -> Sums {
+        let at = self.places[k].map(|at| at as usize);
+        let steps = |k: usize| {
+            let low = at[k].checked_sub(stride);
+            let high = Some(at[k] + stride).filter(|&at| at < self.rows.cells[k]);
+            [low, Some(at[k]), high].into_iter().flatten()
+        };
+        let mut window = Sums::default();
+        for z in steps(2) {
+            for y in steps(1) {
+                let (row, end) = self.rows.row(y, z);
+                let entries = &self.at[row.entry as usize..end as usize];
+                for x in steps(0) {
+                    let place = x.wrapping_sub(row.first_x as usize);
+                    let found = entries.get(place).map_or(0, |at| *at as usize);
+                    if let Some(other) = found.checked_sub(1) {
+                        window.absorb(&sums[other]);
+                    }
+                }
+            }
+        }
+        window
+    }
+}
+
+/// Count, sum and second moments of points about one origin for all cells, so that they add up term by term: 1, x y z,
+/// xx xy xz yy yz zz. Double precision makes up for the distance of the origin.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Sums([f64; 10]);
+
+impl Sums {
+    /// About the middle of the grid's first cell.
+    fn new(at: [u32; 3], own: &Moments, cell_mm: f32) -> Self {
+        let [x, y, z] = at.map(|at| f64::from(at) * f64::from(cell_mm));
+        let [n, u, v, w] = [own.count, own.sum.x, own.sum.y, own.sum.z].map(f64::from);
+        let s = own.second.map(f64::from);
+        Self([
+            n,
+            u + n * x,
+            v + n * y,
+            w + n * z,
+            s[0] + 2.0 * x * u + n * x * x,
+            s[1] + x * v + y * u + n * x * y,
+            s[2] + x * w + z * u + n * x * z,
+            s[3] + 2.0 * y * v + n * y * y,
+            s[4] + y * w + z * v + n * y * z,
+            s[5] + 2.0 * z * w + n * z * z,
+        ])
+    }
+
+    fn absorb(&mut self, other: &Self) {
+        self.0.iter_mut().zip(&other.0).for_each(|(own, more)| *own += more);
+    }
+
+    /// The plane fitted to the points.
+    pub(crate) fn plane(&self) -> Plane {
+        let [n, x, y, z, s @ ..] = self.0;
+        let per = 1.0 / n.max(1.0);
+        let [x, y, z] = [x, y, z].map(|sum| sum * per);
+        let [xx, xy, xz, yy, yz, zz] = s.map(|sum| sum * per);
+        let scatter = [xx - x * x, xy - x * y, xz - x * z, yy - y * y, yz - y * z, zz - z * z];
+        Plane::new(Vector3::new(x, y, z).cast(), scatter, n.max(1.0) as f32)
+    }
+}
