@@ -16,7 +16,7 @@ use crate::grid::Grid;
 use crate::toolpath::program::Waypoint;
 use crate::{downsampling, normals, orientation, reconstruction};
 
-/// Motion about the middle of the part that is looked for, mm; tests on a fillet hold 47 mm with 15 degrees.
+/// Motion about the middle of the part that is looked for, mm; tests hold 36 mm with 20 degrees, on a fillet 47 with 15.
 pub const RANGE_MM: f64 = 50.0;
 /// The same for its rotation about any axis, degrees.
 pub const RANGE_DEG: f64 = 20.0;
