@@ -42,7 +42,7 @@ pub(super) fn sampled(evidence: &Evidence) -> Vec<f32> {
         let at = |slot: usize| slots.binary_search(&slot).ok().and_then(|k| gradients.get(k));
         let ratio = |(slot, near): (usize, &Vec<(usize, f32)>)| {
             let near = near.iter().filter_map(|&(k, d2)| Some((d2, at(k)?)));
-            Some(Tensor::smoothed(at(slot)?, near.collect::<Vec<_>>().into_iter()).ratio())
+            Some(Tensor::smoothed(at(slot)?, near.collect::<Vec<_>>()).ratio())
         };
         own.zip(&around).filter_map(ratio).collect()
     };
@@ -82,6 +82,7 @@ mod tests {
             names,
             whole_views,
             cameras_known,
+            second_cue: false,
             last_scale,
         };
         let mut theirs: Vec<f32> = paper::tensors(&input).iter().map(|t| t.ratio()).collect();
