@@ -57,6 +57,8 @@ pub struct Refit {
     pub moved_mm: f64,
     /// How far it turned, degrees.
     pub turned_deg: f64,
+    /// Whether the scan leaves a direction unknown, along which the smallest motion was taken.
+    pub unknown: bool,
     /// What the user should know.
     pub warnings: Vec<String>,
 }
@@ -149,7 +151,8 @@ pub fn refit(program: &[Waypoint], model: &PointCloud, new: &PointCloud) -> Resu
     if found < LEAST_FOUND || !is_near(&pose, &part.centre) {
         return Err(Error::NotFound { found });
     }
-    Ok(describe(found, pose, &part, rms_mm(&many, &fine, &pose), warnings))
+    let fit = describe(found, pose, &part, rms_mm(&many, &fine, &pose), warnings);
+    Ok(Refit { unknown: !known, ..fit })
 }
 
 /// The most promising poses of a search with few points, which stops where it finds the part.
@@ -357,7 +360,7 @@ fn describe(found: f64, pose: Isometry3<f64>, part: &Part, rms_mm: f64, mut warn
              {RANGE_DEG:.0} degrees: look at the result before it is run"
         ));
     }
-    Refit { new_from_old: pose, found, rms_mm, moved_mm, turned_deg, warnings }
+    Refit { new_from_old: pose, found, rms_mm, moved_mm, turned_deg, unknown: false, warnings }
 }
 
 /// A place on a surface and its normal, or on an edge and the way out of the surface there; base frame.

@@ -15,7 +15,7 @@ use super::{Exit, Failure, print};
 /// Move a saved program to where the part is in a new scan
 ///
 /// Lays the saved model over the new scan, and moves the program with it. The part is looked for within 50 mm and 20
-/// degrees of where it was; if it is not found there, nothing is written.
+/// degrees of where it was; if it is not found there, or the scan leaves a direction unknown, nothing is written.
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
     /// Folder that `weldpath plan` wrote
@@ -28,6 +28,9 @@ pub(super) struct Args {
     /// Unit of the new scan, where the file does not say it [default: auto]
     #[arg(long)]
     units: Option<Units>,
+    /// Write the program even if the scan leaves a direction unknown; the smallest motion is taken along it
+    #[arg(long)]
+    accept_unknown: bool,
     /// Print nothing but errors
     #[arg(long, short)]
     quiet: bool,
@@ -43,6 +46,14 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let fit = refit::refit(&saved.program, &saved.model, &new).map_err(|error| {
         Failure::new(Exit::NoSeam, error).hint("plan the new scan with `weldpath plan` instead")
     })?;
+    if let Some(warning) = fit
+        .warnings
+        .iter()
+        .find(|warning| fit.unknown && !args.accept_unknown && warning.starts_with("UNKNOWN"))
+    {
+        return Err(Failure::new(Exit::NoSeam, warning)
+            .hint("scan the ends of the part, too; or check the place, and say --accept-unknown"));
+    }
     let program = refit::moved(&saved.program, &fit.new_from_old);
     let mut files = program_files(&program, &saved.job).map_err(super::plan::too_long)?;
     files.push(File::new("model.ply", ply::write(&new)));
