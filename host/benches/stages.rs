@@ -185,10 +185,8 @@ fn seam(bencher: Bencher, case: Case) {
         model: &model,
         registration: None,
         names: vec!["view"],
-        whole_views: false,
         cameras_known: true,
-        second_cue: false,
-        last_scale: false,
+        trial: weldpath::seam::Trial { coarser: false, last: false },
     };
     run(bencher, case, || weldpath::seam::find(&input, &Default::default()).seams);
 }

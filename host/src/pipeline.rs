@@ -1,11 +1,14 @@
 //! The method on one page: the paper's Fig. 1 from views to torch paths.
 
+mod attempt;
+
+use self::attempt::{Attempt, Scan};
 use crate::cloud::{Merged, PointCloud, View};
 use crate::downsampling::Voxels;
 pub use crate::reconstruction::ViewReport;
 use crate::seam::Seam;
 use crate::toolpath::SeamPath;
-use crate::{coverage, denoising, downsampling, normals, orientation, reconstruction, seam};
+use crate::{coverage, downsampling, normals, reconstruction, seam};
 use std::time::Instant;
 
 /// How seams are found.
@@ -102,7 +105,7 @@ pub trait Observer {
     fn cloud(&mut self, stage: &'static str, cloud: &PointCloud) {
         let _ = (stage, cloud);
     }
-    /// What the seams were sought in; the last call counts, for a coarser scale follows where none is found.
+    /// What the seams were found in, or sought in vain: once, when the size of the voxels is settled.
     fn evidence(&mut self, evidence: &Evidence) {
         let _ = evidence;
     }
@@ -119,60 +122,9 @@ pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Re
     let registration =
         clock.time("reconstruction", || reconstruction::register(views, &patches, &config.reconstruction));
     let merged = clock.time("merge", || Merged::new(views, &registration.base_from_camera));
-    let cameras_known = views.iter().all(|v| v.camera_known);
-    let whole_views = views.len() > 1 && cameras_known;
-    let unknown_side = views.iter().any(|v| !v.camera_known && v.normals.is_empty());
     let first = downsampling::Scale::of(&merged, &patches, &config.downsampling);
-    let mut scales = scales(&first).into_iter();
-    let mut best: Option<Attempt> = None;
-    while let Some(scale) = scales.next() {
-        observer.stage("downsampling");
-        let mut voxels =
-            clock.time("downsampling", || downsampling::voxel_grid(&merged, scale.edge_mm, scale.least));
-        if unknown_side {
-            clock.time("orientation", || orientation::propagate(&mut voxels));
-        }
-        observer.cloud("downsampling", &voxels.cloud);
-        observer.stage("denoising");
-        let model = clock.time("denoising", || denoising::bilateral(&voxels.cloud, &scale.bilateral()));
-        observer.cloud("denoising", &model);
-        if model.len() < MIN_POINTS {
-            let reason =
-                format!("{} voxels are too few for two faces; at least {MIN_POINTS} are needed", model.len());
-            return Err(no_seam(reason));
-        }
-        observer.stage("seam");
-        let registration = Some(&registration);
-        let names = views.iter().map(|v| v.name.as_str()).collect();
-        let input = seam::Input {
-            merged: &merged,
-            voxels: &voxels,
-            model: &model,
-            registration,
-            names,
-            whole_views,
-            cameras_known,
-            second_cue: whole_views || scale.edge_mm > first.edge_mm || scales.len() == 0,
-            last_scale: scale.edge_mm > first.edge_mm && scales.len() == 0,
-        };
-        let found = match config.method {
-            Method::Weldpath => clock.time("seam", || seam::find(&input, &config.seam)),
-            Method::Paper { ratio_threshold } => {
-                clock.time("seam", || seam::paper::find(&input, ratio_threshold))
-            }
-        };
-        let attempt = Attempt { scale, voxels, model, found };
-        let weak = attempt.is_weak() && config.method == Method::Weldpath;
-        // Views that show a whole scene without a seam at their own scale show none.
-        let ends = if attempt.found.seams.is_empty() { whole_views } else { !weak };
-        if best.as_ref().is_none_or(|best| attempt.length_mm() > CLEARLY * best.length_mm()) {
-            best = Some(attempt);
-        }
-        if ends {
-            break;
-        }
-    }
-    let Some(Attempt { scale, voxels, model, found }) = best else { return Err(no_seam(NOTHING.into())) };
+    let scan = Scan { views, merged: &merged, registration: &registration, config };
+    let Attempt { scale, voxels, model, found } = scan.best_attempt(&first, &mut clock, observer)?;
     let intensity = &found.intensity;
     observer.evidence(&Evidence { merged: &merged, voxels: &voxels, model: &model, intensity });
     if found.seams.is_empty() {
@@ -180,8 +132,7 @@ pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Re
     }
     observer.stage("toolpath");
     let paths = clock.time("toolpath", || found.seams.iter().map(SeamPath::along).collect());
-    let cameras_known = views.iter().all(|v| v.camera_known);
-    let coverage = clock.time("coverage", || coverage::gaps(&found.seams, &merged, cameras_known));
+    let coverage = clock.time("coverage", || coverage::gaps(&found.seams, &merged, scan.cameras_known()));
     let reports = if views.len() > 1 { registration.report(views) } else { Vec::new() };
     let mut warnings = registration.warnings(views, &patches);
     warnings.extend(found.warnings);
@@ -190,50 +141,6 @@ pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Re
     let (seams, stage_s) = (found.seams, clock.stages);
     Ok(Plan { model, seams, paths, coverage, views: reports, derived, stage_s, warnings })
 }
-
-/// What one size of voxels showed.
-struct Attempt {
-    scale: downsampling::Scale,
-    voxels: downsampling::Voxels,
-    model: PointCloud,
-    found: seam::Found,
-}
-
-impl Attempt {
-    /// Of all its seams, mm.
-    fn length_mm(&self) -> f64 {
-        self.found.seams.iter().map(Seam::length_mm).sum()
-    }
-
-    /// Whether only scraps show, as of a blurred valley in voxels that are too small.
-    fn is_weak(&self) -> bool {
-        let longest_mm = self.found.seams.iter().map(Seam::length_mm).fold(0.0, f64::max);
-        longest_mm < WEAK_VOXELS * f64::from(self.scale.edge_mm)
-    }
-}
-
-/// Seams shorter than this, in voxels, ask for larger ones; those must show clearly more, by this factor.
-const WEAK_VOXELS: f64 = 22.0;
-const CLEARLY: f64 = 1.5;
-
-/// The voxels that are tried until they show seams: blurred or quantised clouds show theirs only in larger ones.
-fn scales(first: &downsampling::Scale) -> Vec<downsampling::Scale> {
-    let mut scales = vec![*first];
-    let coarser = [COARSER * first.edge_mm, COARSEST_MM];
-    for edge_mm in coarser.into_iter().filter(|edge| *edge <= COARSEST_MM) {
-        if scales.last().is_some_and(|last| edge_mm > 1.1 * last.edge_mm) {
-            scales.push(first.coarser(edge_mm / first.edge_mm));
-        }
-    }
-    scales
-}
-
-/// The second of them, in multiples of the first, and the largest, which still resolves thick plates, mm.
-const COARSER: f32 = 1.8;
-const COARSEST_MM: f32 = 3.0;
-const NOTHING: &str = "there is no inside corner between two faces";
-/// Fewer voxels than this cannot make two faces.
-const MIN_POINTS: usize = 40;
 
 /// The sizes that were derived from the data, for the summary.
 fn derived(scale: &downsampling::Scale, gate: f32) -> Vec<Derived> {

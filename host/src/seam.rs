@@ -131,14 +131,36 @@ pub struct Input<'a> {
     pub registration: Option<&'a Registration>,
     /// Names of the views, for messages.
     pub names: Vec<&'a str>,
-    /// Whether the cloud is a scan of cameras whose whole view is kept, so that a table would be in it.
-    pub whole_views: bool,
     /// Whether every point was seen by a camera of known place.
     pub cameras_known: bool,
+    /// Which size of voxels this is.
+    pub trial: Trial,
+}
+
+/// Where one size of voxels stands among those that are tried.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Trial {
+    /// Larger than the cloud asks for.
+    pub coarser: bool,
+    /// No larger ones follow.
+    pub last: bool,
+}
+
+impl Input<'_> {
+    /// Whether the cloud is a scan of cameras whose whole view is kept, so that a table would be in it.
+    fn whole_views(&self) -> bool {
+        self.names.len() > 1 && self.cameras_known
+    }
+
     /// Whether steps between layers are looked for, too: in the smallest voxels the layers of a sparse cloud have holes.
-    pub second_cue: bool,
-    /// Whether these are larger voxels than the cloud asks for, the largest that are tried when no others show a seam.
-    pub last_scale: bool,
+    fn second_cue(&self) -> bool {
+        self.whole_views() || self.trial.coarser || self.trial.last
+    }
+
+    /// Whether nothing showed so far and nothing follows.
+    fn last_resort(&self) -> bool {
+        self.trial.coarser && self.trial.last
+    }
 }
 
 /// Seams and what was left out on the way.
@@ -167,27 +189,22 @@ pub fn find(input: &Input, config: &Config) -> Found {
         .into_iter()
         .partition(|c| table.is_some_and(|t| c.faces.iter().any(|face| t.is_face(face, &c.position))));
     let mut found = Found { gate: scores.gate, ..Found::default() };
-    let mut chains = chain::trace(&off_table, &grid, v, &config.chain);
-    if chains.is_empty() && !input.whole_views {
-        // A cropped cloud has no table in it: its lowest plane is part of the work.
-        chains = chain::trace(&on_table, &grid, v, &config.chain);
+    let mut chains = chains(input, &off_table, &on_table, &grid, &config.chain);
+    if chains.is_empty() && input.last_resort() {
+        chains = splice::joined(chain::trace(&off_table, &grid, v, &config.chain.blurred()), &grid, v);
     }
-    if chains.is_empty() && input.last_scale {
-        chains = chain::trace(&off_table, &grid, v, &config.chain.blurred());
-    }
-    let chains = splice::joined(chains, &grid, v);
     let measured: Vec<(&chain::Chain, refine::Refined)> =
         chains.iter().filter_map(|chain| Some((chain, measure(input, chain, &grid, config)?))).collect();
     let measured = overlap::apart(measured, v, config.chain.shortest_voxels * v);
     let most_mm = config.refine.reach * v;
     let described = measured.iter().map(|(chain, seam)| describe(input, chain, seam, &grid, most_mm));
     found.intensity = scores.intensity;
-    let most_error_mm = if input.last_scale { LAST_ERROR_VOXELS * f64::from(v) } else { f64::INFINITY };
+    let most_error_mm = if input.last_resort() { LAST_ERROR_VOXELS * f64::from(v) } else { f64::INFINITY };
     let (sure, unsure): (Vec<Seam>, Vec<Seam>) =
         described.partition(|seam| is_sure(seam) && seam.expected_error_mm < most_error_mm);
     found.seams = sure;
     found.warnings.extend(unsure.iter().map(left_out));
-    if found.seams.is_empty() && input.second_cue {
+    if found.seams.is_empty() && input.second_cue() {
         found.seams = steps(input, table.as_ref(), &grid, config);
     }
     mark_branches(&mut found.seams, 6.0 * f64::from(v));
@@ -200,6 +217,21 @@ pub fn find(input: &Input, config: &Config) -> Found {
         _ => "there is no inside corner between two faces".into(),
     };
     found
+}
+
+/// Corners off the table strung together. A cropped cloud has no table in it: its lowest plane is part of the work.
+fn chains(
+    input: &Input,
+    off_table: &[corner::Corner],
+    on_table: &[corner::Corner],
+    model: &Grid,
+    config: &chain::Config,
+) -> Vec<chain::Chain> {
+    let v = input.voxels.edge_mm;
+    let trace =
+        |corners: &[corner::Corner]| splice::joined(chain::trace(corners, model, v, config), model, v);
+    let chains = trace(off_table);
+    if chains.is_empty() && !input.whole_views() { trace(on_table) } else { chains }
 }
 
 /// A chain refined; closed where its ends ask for it and raw points bear it out.
@@ -219,12 +251,7 @@ fn steps(input: &Input, table: Option<&support::Support>, model: &Grid, config: 
     let corners = step::corners(cloud, &Grid::new(&cloud.points_mm, 4.0 * v), v, &config.step);
     let is_table = |c: &corner::Corner| table.is_some_and(|t| t.is_face(&c.faces[0], &c.position));
     let (on_table, off_table): (Vec<_>, Vec<_>) = corners.into_iter().partition(is_table);
-    let trace =
-        |corners: &[corner::Corner]| splice::joined(chain::trace(corners, model, v, &config.chain), model, v);
-    let mut chains = trace(&off_table);
-    if chains.is_empty() && !input.whole_views {
-        chains = trace(&on_table);
-    }
+    let chains = chains(input, &off_table, &on_table, model, &config.chain);
     let refine = |chain: &chain::Chain| {
         let scan = step::Scan { merged: input.merged, of_cameras: input.cameras_known };
         step::refine(&scan, chain, v, &config.refine, &config.step)

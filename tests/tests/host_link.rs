@@ -10,7 +10,7 @@ use nalgebra::{Point3, UnitQuaternion};
 use weldpath::export::json;
 use weldpath::link::{Error, Link};
 use weldpath::serial::{self, Line};
-use weldpath::simulation::{self, Format, Noise, Part, Pose, Request};
+use weldpath::simulation::{self, Part, Request};
 use weldpath::teleop::{self, Setup, generator, recording};
 use weldpath::toolpath::program::{Kind, Waypoint};
 use weldpath_core::interlock::State;
@@ -306,19 +306,7 @@ fn monitor_listens_and_leaves_the_pendant_as_it_is() {
 }
 
 fn request() -> Request {
-    Request {
-        part: Part::ButtV,
-        pose: Pose::Flat,
-        views: Some(6),
-        noise: Noise::Mid,
-        seed: 1,
-        width: 640,
-        height: 480,
-        weak: false,
-        format: Format::Png,
-        angle_deg: None,
-        length_mm: None,
-    }
+    Request { views: Some(6), ..Request::new(Part::ButtV, 1) }
 }
 
 #[test]

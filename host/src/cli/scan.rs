@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use nalgebra::Isometry3;
 use weldpath::job::quantity::Place;
-use weldpath::simulation::{self, Format, Noise, Part, Pose, Request};
+use weldpath::simulation::{self, Noise, Part, Request};
 use weldpath::teleop::{self, REGIONS, Session, Setup, generator, recording};
 use weldpath_core::wire::HandFrame;
 
@@ -76,19 +76,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
 }
 
 fn request(args: &Args) -> Request {
-    Request {
-        part: args.part,
-        pose: Pose::Flat,
-        views: Some(VIEWS),
-        noise: args.noise,
-        seed: args.seed,
-        width: 640,
-        height: 480,
-        weak: false,
-        format: Format::Png,
-        angle_deg: None,
-        length_mm: None,
-    }
+    Request { views: Some(VIEWS), noise: args.noise, ..Request::new(args.part, args.seed) }
 }
 
 fn make(args: &Args, file: &PathBuf, setup: &Setup, poses: &[Isometry3<f64>]) -> Result<(), Failure> {

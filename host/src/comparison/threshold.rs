@@ -10,7 +10,7 @@ use crate::downsampling::{Scale, voxel_grid};
 use crate::evaluation::{Target, f1};
 use crate::job::Job;
 use crate::pipeline::Plan;
-use crate::seam::{self, paper};
+use crate::seam::paper;
 use crate::{denoising, normals, reconstruction};
 
 /// Cell of the rasters, mm, as `weldpath evaluate` has it.
@@ -54,19 +54,7 @@ pub(super) fn curves(piece: &Piece, plan: &Plan) -> Curves {
     let truth = piece.truth.visible_mm(Target::Apex);
     let thresholds: Vec<f64> = (0..=36).map(|k| 28.0 + 2.0 * f64::from(k)).collect();
     let over = |model: &PointCloud| -> Vec<f64> {
-        let names = Vec::new();
-        let input = seam::Input {
-            merged: &merged,
-            voxels: &voxels,
-            model,
-            registration: None,
-            names,
-            whole_views: true,
-            cameras_known: true,
-            second_cue: false,
-            last_scale: false,
-        };
-        let tensors = paper::tensors(&input);
+        let tensors = paper::tensors(model, voxels.edge_mm);
         let near: Vec<usize> = (0..model.len()).filter(|&k| is_near(&model.in_base_mm(k), &truth)).collect();
         let at = |&t: &f64| {
             let threshold = RatioThreshold::new(t as f32)?;

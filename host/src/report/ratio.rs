@@ -55,7 +55,7 @@ mod tests {
     use super::*;
     use crate::cloud::{Merged, PointCloud};
     use crate::downsampling::Voxels;
-    use crate::seam::{Input, edges, paper};
+    use crate::seam::{edges, paper};
     use nalgebra::Point3;
 
     #[test]
@@ -72,20 +72,7 @@ mod tests {
         let grid = Grid::new(&cloud.points_mm, 4.0);
         let intensity = &edges::score(&voxels, model, &grid, 4.0).intensity;
         let mut ours = sampled(&Evidence { merged, voxels: &voxels, model, intensity });
-        let (registration, names) = (None, Vec::new());
-        let (whole_views, cameras_known, last_scale) = (false, true, false);
-        let input = Input {
-            merged,
-            voxels: &voxels,
-            model,
-            registration,
-            names,
-            whole_views,
-            cameras_known,
-            second_cue: false,
-            last_scale,
-        };
-        let mut theirs: Vec<f32> = paper::tensors(&input).iter().map(|t| t.ratio()).collect();
+        let mut theirs: Vec<f32> = paper::tensors(model, 1.0).iter().map(|t| t.ratio()).collect();
         ours.sort_by(f32::total_cmp);
         theirs.sort_by(f32::total_cmp);
         assert_eq!(ours.len(), theirs.len(), "fewer points than the sample: all of them");

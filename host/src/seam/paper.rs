@@ -1,7 +1,9 @@
 //! The paper's own extraction (II-E, eqs. (11)-(17)), for comparison: the ratio test alone, no gate, no joint types, edge
 //! points ordered as they come, the normal of the surroundings as the torch axis.
 
-use super::{Found, Input, Joint, Seam, Station, edges};
+use super::{Found, Joint, Seam, Station, edges};
+use crate::cloud::PointCloud;
+use crate::downsampling::Voxels;
 use crate::grid::Grid;
 use nalgebra::Vector3;
 use weldpath_core::seam::{RatioThreshold, Tensor};
@@ -10,18 +12,18 @@ use weldpath_core::seam::{RatioThreshold, Tensor};
 const RADIUS_VOXELS: f32 = 4.0;
 
 /// Every point whose `Tr³/Det` reaches the threshold, as one seam.
-pub fn find(input: &Input, ratio_threshold: f64) -> Found {
+pub fn find(voxels: &Voxels, model: &PointCloud, ratio_threshold: f64) -> Found {
     let Some(threshold) = RatioThreshold::new(ratio_threshold as f32) else {
         let reason =
             format!("t = {ratio_threshold} marks everything; it must exceed {}", RatioThreshold::FLOOR);
         return Found { reason, ..Found::default() };
     };
-    let edges = edge_points(input, threshold);
+    let edges = edge_points(model, voxels.edge_mm, threshold);
     let stations: Vec<Station> = edges
         .windows(2)
         .map(|w| {
-            let p = |k: usize| input.model.in_base_mm(k);
-            let normal = input.model.normals[w[0]].cast::<f64>();
+            let p = |k: usize| model.in_base_mm(k);
+            let normal = model.normals[w[0]].cast::<f64>();
             let chord = p(w[1]) - p(w[0]);
             let across = (chord - normal * normal.dot(&chord)).try_normalize(1e-9);
             Station {
@@ -41,26 +43,26 @@ pub fn find(input: &Input, ratio_threshold: f64) -> Found {
         stations,
         closed: false,
         confidence: 0.0,
-        expected_error_mm: f64::from(input.voxels.edge_mm),
+        expected_error_mm: f64::from(voxels.edge_mm),
         expected_error_deg: 15.0,
         warnings: vec!["the paper's method, for comparison only: do not weld this".into()],
     };
-    let radius_mm = RADIUS_VOXELS * input.voxels.edge_mm;
-    let grid = Grid::new(&input.model.points_mm, radius_mm);
-    let intensity = edges::score(input.voxels, input.model, &grid, radius_mm).intensity;
+    let radius_mm = RADIUS_VOXELS * voxels.edge_mm;
+    let grid = Grid::new(&model.points_mm, radius_mm);
+    let intensity = edges::score(voxels, model, &grid, radius_mm).intensity;
     Found { seams: vec![seam], intensity, ..Found::default() }
 }
 
 /// Indices of the edge points in the order of the cloud.
-pub fn edge_points(input: &Input, threshold: RatioThreshold) -> Vec<usize> {
-    let ratios = tensors(input);
+fn edge_points(model: &PointCloud, voxel_mm: f32, threshold: RatioThreshold) -> Vec<usize> {
+    let ratios = tensors(model, voxel_mm);
     (0..ratios.len()).filter(|&k| ratios[k].is_edge(threshold)).collect()
 }
 
 /// Smoothed tensor of every point, in the order of the cloud.
-pub fn tensors(input: &Input) -> Vec<Tensor> {
-    let radius_mm = RADIUS_VOXELS * input.voxels.edge_mm;
-    let grid = Grid::new(&input.model.points_mm, radius_mm);
+pub fn tensors(model: &PointCloud, voxel_mm: f32) -> Vec<Tensor> {
+    let radius_mm = RADIUS_VOXELS * voxel_mm;
+    let grid = Grid::new(&model.points_mm, radius_mm);
     let intensities: Vec<f32> = edges::asymmetries(&grid, radius_mm).iter().map(Vector3::norm).collect();
     let gradients = edges::gradients(&grid, radius_mm, &intensities);
     let by_slot = edges::tensors(&grid, radius_mm, &gradients);
