@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use super::chart::{COLOURS, Line, svg};
+use super::chart::{Axis, COLOURS, Line, svg};
 use super::{Comparison, published};
 use crate::export::directory::File;
 
@@ -59,7 +59,10 @@ fn fitness(comparison: &Comparison) -> Section {
                The paper does not say its distance; its 0.81 to 0.86 before registration is what 3 to 5 mm gives.",
         head: vec!["piece", "before", "after", "settled at iteration", "paper, before", "paper, settled at"],
         rows: (0..comparison.fitness.len().min(2)).map(row).collect(),
-        figures: vec![("fitness.svg".into(), svg("Fitness over iterations", "iteration", "fitness", &lines))],
+        figures: vec![(
+            "fitness.svg".into(),
+            svg("Fitness over iterations", Axis::Linear("iteration"), "fitness", &lines),
+        )],
     }
 }
 
@@ -99,7 +102,12 @@ fn threshold(comparison: &Comparison) -> Section {
         lines.extend(flat);
         (
             format!("f1_{k}.svg"),
-            svg(&format!("F1 over the threshold: {}", curves.piece), "threshold t", "F1", &lines),
+            svg(
+                &format!("F1 over the threshold: {}", curves.piece),
+                Axis::Logarithmic("threshold t"),
+                "F1",
+                &lines,
+            ),
         )
     };
     Section {
@@ -140,7 +148,7 @@ fn rmse(comparison: &Comparison) -> Section {
     Section {
         title: "Pose accuracy (Table I)",
         note: "RMSE across the seam and of the torch's orientation against exact truth, as `weldpath evaluate` counts them. The \
-               last column pairs points by index along the seam, as the paper does, so ends that differ count too.",
+               last column pairs points by index along the seam, as the paper does, for the worst seam, so ends that differ count too: of the cylinder's inner corner a part is seen.",
         head: vec!["piece", "n_d", "n_o", "RMSE_p mm", "RMSE_theta deg", "paired by index mm"],
         rows: comparison.rmse.iter().map(row).chain(paper).collect(),
         figures: Vec::new(),
@@ -168,7 +176,8 @@ fn runtime(comparison: &Comparison) -> Section {
     Section {
         title: "Run time on the 500 mm V butt (Table II)",
         note: "From the scan's files to the program's, on the machine that made this page; depth images of 640 x 480. Speed is the \
-               length of the seam over the run time. The paper's workpiece was reconstructed from one capture.",
+               length found over the run time; what no view sees is not found. The paper's workpiece was reconstructed from one \
+               capture, and its speed counts all 500 mm.",
         head: vec![
             "pose",
             "views",

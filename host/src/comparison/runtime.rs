@@ -76,7 +76,7 @@ fn row(pose: &'static str, views: usize, runs: usize, folder: &Path) -> Result<R
         runs: times.len(),
         mean_ms,
         range_ms,
-        speed_mm_s: 1e3 * LENGTH_MM / mean_ms,
+        speed_mm_s: 1e3 * found_mm / mean_ms,
         found_mm,
     })
 }

@@ -18,6 +18,11 @@ const CELL_MM: f64 = 2.0;
 /// Beyond this from the seams a point is no part of the workpiece that the paper shows, mm.
 const CROP_MM: f64 = 40.0;
 
+/// Thresholds from just above where every point is an edge, eight to a factor of two, to where almost none is.
+const LEAST: f64 = 28.0;
+const STEP: f64 = 1.0905;
+const STEPS: i32 = 64;
+
 /// F1 over the threshold.
 #[derive(Debug, Serialize)]
 pub struct Curves {
@@ -52,7 +57,7 @@ pub(super) fn curves(piece: &Piece, plan: &Plan) -> Curves {
     let voxels = voxel_grid(&merged, scale.edge_mm, scale.least);
     let filtered = denoising::bilateral(&voxels.cloud, &scale.bilateral());
     let truth = piece.truth.visible_mm(Target::Apex);
-    let thresholds: Vec<f64> = (0..=36).map(|k| 28.0 + 2.0 * f64::from(k)).collect();
+    let thresholds: Vec<f64> = (0..=STEPS).map(|k| LEAST * STEP.powi(k)).collect();
     let over = |model: &PointCloud| -> Vec<f64> {
         let tensors = paper::tensors(model, voxels.edge_mm);
         let near: Vec<usize> = (0..model.len()).filter(|&k| is_near(&model.in_base_mm(k), &truth)).collect();
