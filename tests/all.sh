@@ -15,6 +15,7 @@ need() { missing="$missing $*"; }
 command -v qemu-system-arm >/dev/null || need qemu-system-arm
 command -v valgrind >/dev/null || need valgrind
 command -v chromium >/dev/null || need chromium
+command -v python3 >/dev/null || need python3
 command -v cc >/dev/null || need gcc libc6-dev
 command -v cargo >/dev/null || need rustc-web cargo-web
 command -v cargo-fmt >/dev/null || need rustfmt-web
