@@ -149,7 +149,11 @@ impl Link {
     /// Has a command executed once and waits for its answer.
     pub fn ask(&self, command: Command) -> Result<Answer, Error> {
         let (answer, answered) = channel();
-        let gone = || Error::SessionLost;
+        // The driver tells why it ends before it lets go of the questions.
+        let gone = || {
+            let lost = |told| if let Told::Lost(error) = told { Some(error) } else { None };
+            self.told.try_iter().find_map(lost).unwrap_or(Error::SessionLost)
+        };
         self.inputs.send(Input::Ask(command, answer)).map_err(|_| gone())?;
         answered.recv().map_err(|_| gone())
     }

@@ -96,7 +96,8 @@ fn blend(steps: &[Step], waypoints: &[Waypoint], i: usize) -> Result<(), String>
     let between = welds(waypoints, i) && welds(waypoints, i + 1);
     let dwell_s = waypoints[i].dwell_s;
     let waits = (step.dwell_s - dwell_s.unwrap_or(0.0)).abs();
-    require(!between || waits < 0.006, || format!("move {i} waits for {} s", step.dwell_s))?;
+    let starts = !welds(waypoints, i) && welds(waypoints, i + 1);
+    require(!(between || starts) || waits < 0.006, || format!("move {i} waits for {} s", step.dwell_s))?;
     let goes_on = between && dwell_s.is_none();
     if !goes_on {
         return require(step.stops, || format!("move {i} does not arrive"));

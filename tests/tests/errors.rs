@@ -16,6 +16,8 @@ fn home() -> tempfile::TempDir {
     write("path.csv", "x_mm,y_mm,z_mm\n1,2,3\n");
     write("key.toml", "input = \"flat.xyz\"\n[path]\nfeed = 3\n");
     write("name.toml", "input = \"flat.xyz\"\n[program]\nname = \"a b\"\n");
+    write("paper.toml", "input = \"flat.xyz\"\nmethod = \"paper\"\nratio_threshold = 53\n");
+    write("weave.toml", "input = \"flat.xyz\"\n[[pass]]\nweave.shape = \"sine\"\n");
     write("robot.toml", "input = \"flat.xyz\"\nformats = [\"motoman\"]\n");
     std::fs::create_dir(home.path().join("empty")).unwrap();
     home
@@ -34,6 +36,12 @@ const CASES: &[(&str, i32, &[&str])] = &[
     ("plan flat.xyz", 3, &["no seam found", "--dump-stages", "troubleshooting"]),
     ("plan flat.xyz --robot motoman", 2, &["ur, abb, kuka, fanuc, ros"]),
     ("plan flat.xyz --robots abb", 2, &["'--robot'"]),
+    ("plan flat.xyz --amplitude-mm 3", 2, &["--amplitude-mm changes nothing", "hint: ", "--weave sine"]),
+    ("plan flat.xyz --wavelength-mm 3", 2, &["--wavelength-mm changes nothing", "hint: "]),
+    ("plan flat.xyz --stitch-mm 12", 2, &["--stitch-mm changes nothing", "hint: ", "--tacks"]),
+    ("plan --job paper.toml --t 60 --method weldpath", 2, &["--t is the threshold of the paper's"]),
+    ("plan --job paper.toml --method weldpath", 3, &["no seam found"]),
+    ("plan --job weave.toml --amplitude-mm 3", 3, &["no seam found"]),
     ("plan flat.xyz --seam one", 2, &["\"one\" is not a whole number"]),
     ("plan flat.xyz --feed-mm-s fast", 2, &["\"fast\" is not a number"]),
     ("plan flat.xyz --near 1,2", 2, &["give three in mm, as in"]),
@@ -63,7 +71,7 @@ const CASES: &[(&str, i32, &[&str])] = &[
     ("pendant --sim --elf none", 6, &["none", "hint: ", "--elf"]),
     ("scan", 2, &["--hands", "hint: for example `weldpath scan"]),
     ("scan --hands none.csv --out o --sim", 4, &["none.csv", "--make-hands"]),
-    ("scan --make-hands nodir/x.csv", 5, &["nodir/x.csv", "hint: is the folder there"]),
+    ("scan --make-hands flat.xyz/x.csv", 5, &["flat.xyz", "hint: choose another"]),
     ("scan --hands x.csv --out o --sim --box-mm 1", 2, &["--box-mm is 1, not 10 to 1000"]),
     ("score flat.xyz --near 0,0,0", 2, &["no pendant named", "--sim"]),
     ("score flat.xyz --near 0,0,0 --sim --radius-mm -1", 2, &["--radius-mm is -1, not 0.01 to 32"]),
@@ -71,6 +79,14 @@ const CASES: &[(&str, i32, &[&str])] = &[
     ("completions", 2, &["<SHELL>", "hint: for example `weldpath completions bash"]),
     ("completions tcsh", 2, &["bash"]),
 ];
+
+#[cfg(unix)]
+#[test]
+fn an_argument_that_is_no_text_is_refused_in_words() {
+    use std::os::unix::ffi::OsStrExt;
+    let output = weldpath().arg(std::ffi::OsStr::from_bytes(b"\xff")).output().unwrap();
+    assert_eq!(output.status.code(), Some(2), "{}", String::from_utf8_lossy(&output.stderr));
+}
 
 #[test]
 fn what_is_used_wrongly_says_where_and_what_to_do() {

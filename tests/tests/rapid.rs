@@ -113,5 +113,10 @@ fn weaves_dwells_stitches_and_stops_are_as_planned() {
     assert!(
         waypoints.iter().any(|w| w.dwell_s == Some(0.25)) && waypoints.iter().any(|w| w.dwell_s == Some(0.0))
     );
-    program(&texts(&output, &[".mod"]), &output.program.waypoints).unwrap();
+    let files = texts(&output, &[".mod"]);
+    // Speeds are declared in steps of 0.05 mm/s.
+    let stepped = Tolerance { speed_mm_s: 0.025 + 1e-9, ..ROUNDED };
+    check(&run(&files, "weldpath_run").unwrap(), waypoints, &stepped).unwrap();
+    let weld_data = files[0].1.matches("PERS welddata").count();
+    assert!(weld_data < 10, "{weld_data} weld data to be edited by hand");
 }

@@ -110,7 +110,8 @@ pub(super) fn parse() -> Result<Cli, ExitCode> {
     parsed.map_err(|error| {
         // Without a terminal to write to there is nobody to tell.
         let _ = error.print();
-        let subcommand = std::env::args().nth(1).unwrap_or_default();
+        let subcommand =
+            std::env::args_os().nth(1).and_then(|word| word.into_string().ok()).unwrap_or_default();
         let missing = error.kind() == ErrorKind::MissingRequiredArgument;
         if let Some((example, _)) = examples(&subcommand).next().filter(|_| missing) {
             eprintln!("  hint: for example `{example}`");

@@ -119,12 +119,26 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     if let Some(recording) = recording {
         output.files.extend(report::files(&plan, &output, &recording, &job));
     }
-    directory::write(&args.out, &output.files).map_err(not_written)?;
+    write(&args.out, &output.files, args.quiet)?;
     match (args.quiet, args.json) {
         (true, _) => Ok(()),
         (_, true) => print(&output.summary.to_json()),
         _ => print(&table::result(&plan, &output, &source, &args.out)),
     }
+}
+
+/// All files or none, and a word on those of an earlier run that stay beside them.
+pub(super) fn write(out: &Path, files: &[File], quiet: bool) -> Result<(), Failure> {
+    directory::write(out, files).map_err(not_written)?;
+    let old = directory::of_earlier_runs(out, files);
+    if !old.is_empty() && !quiet {
+        let names = old.join(", ");
+        eprintln!(
+            "warning: {}: {names}: of an earlier run and another plan; delete what you do not need",
+            out.display()
+        );
+    }
+    Ok(())
 }
 
 /// The job file, if there is one, with the command line on top.
@@ -137,12 +151,16 @@ fn job(args: &Args) -> Result<Job, Failure> {
     };
     replace(&mut job.units, args.units);
     replace(&mut job.method, args.method);
+    if args.method == Some(Method::Weldpath) {
+        job.ratio_threshold = None;
+    }
     job.ratio_threshold = args.t.or(job.ratio_threshold);
     replace(&mut job.order.sequence, args.sequence);
     job.path.standoff_mm = args.standoff_mm.or(job.path.standoff_mm);
     job.path.feed_mm_s = args.feed_mm_s.or(job.path.feed_mm_s);
     job.path.approach_mm = args.approach_mm.or(job.path.approach_mm);
     args.weld.put_on(&mut job);
+    args.weld.check(&job)?;
     replace(&mut job.arc.output, args.arc_output);
     job.selection.near_mm = args.near.or(job.selection.near_mm);
     job.selection.roi_mm = args.roi.or(job.selection.roi_mm);
@@ -252,6 +270,6 @@ fn not_selected(error: selection::Error) -> Failure {
     Failure::new(exit, error).hint("run once without --seam, --near and --roi to see all seams")
 }
 
-fn not_written(error: directory::Error) -> Failure {
+pub(super) fn not_written(error: directory::Error) -> Failure {
     Failure::new(Exit::Output, error).hint("choose another folder with --out")
 }

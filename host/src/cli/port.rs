@@ -45,14 +45,12 @@ impl Port {
 impl PortOrSim {
     /// The link, and the emulator at its other end, if there is one.
     pub(super) fn open(&self) -> Result<(Link, Option<Emulator>), Failure> {
-        if self.port.is_none() && !self.sim {
-            let failure = Failure::new(Exit::Usage, "no pendant named");
-            return Err(failure.hint("add --port PORT, or --sim for a simulated one"));
-        }
         let emulator = if self.sim { Some(boot(self.elf.as_deref())?.0) } else { None };
         let simulated = emulator.as_ref().map(Emulator::address);
-        let address =
-            self.port.as_ref().or(simulated).ok_or_else(|| Failure::new(Exit::Usage, "no pendant named"))?;
+        let address = self.port.as_ref().or(simulated).ok_or_else(|| {
+            Failure::new(Exit::Usage, "no pendant named")
+                .hint("add --port PORT, or --sim for a simulated one")
+        })?;
         Ok((open(address, self.baud)?, emulator))
     }
 }

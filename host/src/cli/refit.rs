@@ -10,6 +10,7 @@ use weldpath::refit::{self, Refit};
 use weldpath::scan;
 use weldpath::toolpath::program::Waypoint;
 
+use super::plan::{not_written, write};
 use super::{Exit, Failure, print};
 
 /// Move a saved program to where the part is in a new scan
@@ -38,7 +39,6 @@ pub(super) struct Args {
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let saved = read(&args.saved)?;
-    let not_written = |error| Failure::new(Exit::Output, error).hint("choose another folder with --out");
     directory::check(&args.out).map_err(not_written)?;
     let options = scan::Options { units: super::plan::units(args.units.unwrap_or_default()) };
     let scan = scan::read(&args.scan, &options).map_err(|error| Failure::new(Exit::Input, error))?;
@@ -59,8 +59,10 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     files.push(File::new("model.ply", ply::write(&new)));
     files.push(File::new("job.toml", saved.job.to_toml()));
     files.push(File::new("refit.json", summary(&fit)));
-    directory::write(&args.out, &files).map_err(not_written)?;
-    if args.quiet { Ok(()) } else { print(&told(&fit, &scan.warnings, &args.out)) }
+    write(&args.out, &files, args.quiet)?;
+    let names: Vec<&str> = files.iter().map(|file| file.name.as_str()).collect();
+    let text = told(&fit, &scan.warnings) + &format!("{}: {}\n", args.out.display(), names.join(", "));
+    if args.quiet { Ok(()) } else { print(&text) }
 }
 
 struct Saved {
@@ -101,7 +103,7 @@ fn summary(fit: &Refit) -> String {
     format!("{text:#}\n")
 }
 
-fn told(fit: &Refit, scan_warnings: &[String], out: &Path) -> String {
+fn told(fit: &Refit, scan_warnings: &[String]) -> String {
     let mut text = format!(
         "the part moved by {:.1} mm and {:.2} deg; {:.0} % of the saved model about the welds lies on the new scan, \
          {:.2} mm RMS\n",
@@ -113,6 +115,5 @@ fn told(fit: &Refit, scan_warnings: &[String], out: &Path) -> String {
     for warning in scan_warnings.iter().chain(&fit.warnings) {
         text.push_str(&format!("warning: {warning}\n"));
     }
-    text.push_str(&format!("{}: path.json, path.script, model.ply, job.toml, refit.json\n", out.display()));
     text
 }

@@ -1,15 +1,18 @@
 //! `weldpath scan`: hands guide the simulated camera through the pendant, and capture views.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use nalgebra::Isometry3;
+use weldpath::export::directory::{self, File};
 use weldpath::job::quantity::Place;
 use weldpath::simulation::{self, Noise, Part, Request};
 use weldpath::teleop::{self, REGIONS, Session, Setup, generator, recording};
 use weldpath_core::wire::HandFrame;
 
+use super::plan::not_written;
 use super::port::{PortOrSim, lost};
+use super::simulate::keep_real_scans;
 use super::{Exit, Failure, print, progress, whole};
 
 /// Scan a simulated workpiece by hand gestures, played from recordings to the pendant
@@ -79,34 +82,23 @@ fn request(args: &Args) -> Request {
     Request { views: Some(VIEWS), noise: args.noise, ..Request::new(args.part, args.seed) }
 }
 
-fn make(args: &Args, file: &PathBuf, setup: &Setup, poses: &[Isometry3<f64>]) -> Result<(), Failure> {
+fn make(args: &Args, file: &Path, setup: &Setup, poses: &[Isometry3<f64>]) -> Result<(), Failure> {
     let setup = Setup { steer_right: false, ..*setup };
     let frames = generator::recording(&setup, poses)
         .ok_or_else(|| Failure::new(Exit::Usage, "these poses cannot be reached from within this box"))?;
     let part =
         format!("made by `weldpath scan --make-hands` for seed {} of the part; no hand moved", args.seed);
-    let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
-    let written =
-        tempfile::NamedTempFile::new_in(folder.unwrap_or(".".as_ref())).and_then(|mut unfinished| {
-            std::io::Write::write_all(&mut unfinished, recording::to_csv(&frames, &part).as_bytes())?;
-            unfinished.persist(file).map_err(|error| error.error)
-        });
-    written.map_err(|error| {
-        // The system's words, without the name of the temporary file.
-        let why = error.raw_os_error().map_or(error.kind().to_string(), |_| error.to_string());
-        Failure::new(Exit::Output, format!("cannot write {}: {why}", file.display()))
-            .hint("is the folder there, and may you write to it?")
-    })?;
+    let name = file.file_name().and_then(|name| name.to_str()).unwrap_or("hands.csv");
+    let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let content = recording::to_csv(&frames, &part);
+    directory::write(folder, &[File::new(name, content)]).map_err(not_written)?;
     let text = format!("{}: {} frames, {} captures\n", file.display(), frames.len(), poses.len());
     if args.quiet { Ok(()) } else { print(&text) }
 }
 
 fn scan(args: &Args, request: &Request, setup: &Setup) -> Result<(), Failure> {
     let out = args.out.as_deref().ok_or_else(|| Failure::new(Exit::Usage, "no --out"))?;
-    if out.join("scan.json").exists() && !out.join("truth.json").exists() {
-        let message = format!("{} holds a scan that was not simulated; it is left as it is", out.display());
-        return Err(Failure::new(Exit::Output, message).hint("choose another folder with --out"));
-    }
+    keep_real_scans(out)?;
     let read = |file: &PathBuf| {
         recording::read(file).map_err(|error| {
             Failure::new(Exit::Input, error)

@@ -89,7 +89,7 @@ fn patch(args: &Args, point: Point3<f64>, near: &[Point3<f64>]) -> Result<Patch,
     let radius_mm = args.radius_mm.unwrap_or(0.5 * widest_mm);
     let um = |mm: f64| (mm * 1000.0).round();
     let points = offsets.iter().map(|offset| Offset { um: offset.map(|mm| um(mm) as i16).into() }).collect();
-    let threshold = args.t.map_or(53.0, |t| t.get());
+    let threshold = args.t.unwrap_or_default().get();
     let patch =
         Patch { radius_um: um(radius_mm) as u32, threshold_milli: (threshold * 1000.0) as u32, points };
     if patch.radius_um == 0 || patch.points.len() < 4 {

@@ -1,6 +1,6 @@
 //! `weldpath simulate`: a scan with exact truth, so that nobody needs a robot to try.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use weldpath::simulation::{self, Error, Format, Noise, Part, Pose, Request};
@@ -66,7 +66,7 @@ impl FromStr for Size {
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    keep_real_scans(args)?;
+    keep_real_scans(&args.out)?;
     let scan = simulation::simulate(&request(args)).map_err(failure)?;
     simulation::write(&scan, &args.out).map_err(failure)?;
     let (out, views, seams) = (args.out.display(), scan.views.len(), scan.truth.seams.len());
@@ -91,10 +91,9 @@ fn request(args: &Args) -> Request {
 }
 
 /// A scan without truth beside it was not simulated, and cannot be had again.
-fn keep_real_scans(args: &Args) -> Result<(), Failure> {
-    if args.out.join("scan.json").exists() && !args.out.join("truth.json").exists() {
-        let message =
-            format!("{} holds a scan that was not simulated; it is left as it is", args.out.display());
+pub(super) fn keep_real_scans(out: &Path) -> Result<(), Failure> {
+    if out.join("scan.json").exists() && !out.join("truth.json").exists() {
+        let message = format!("{} holds a scan that was not simulated; it is left as it is", out.display());
         return Err(Failure::new(Exit::Output, message).hint("choose another folder with --out"));
     }
     Ok(())

@@ -1,5 +1,6 @@
 //! Options of `weldpath plan` that say how the seams are welded: the frequent ones of the job file's.
 
+use super::{Exit, Failure};
 use weldpath::job::Job;
 use weldpath::job::layer::{Direction, Pattern, WeaveShape};
 use weldpath::job::quantity::{
@@ -68,5 +69,28 @@ impl WeldArgs {
         if self.tacks.is_some() {
             (stitch.pattern, stitch.count) = (Some(Pattern::Tacks), self.tacks);
         }
+    }
+
+    /// Refuses options that nothing in the job makes use of.
+    pub(super) fn check(&self, job: &Job) -> Result<(), Failure> {
+        let weld = job.weld();
+        let welds = || job.seams.iter().map(|seam| seam.weld().on(&weld)).chain([weld.clone()]);
+        let mut recipes = welds().flat_map(|weld| weld.passes()).map(|(recipe, _)| recipe);
+        let refused = |option: &str, hint: &str| {
+            Err(Failure::new(Exit::Usage, format!("{option} changes nothing in this job")).hint(hint))
+        };
+        let swings = [
+            ("--amplitude-mm", self.amplitude_mm.is_some()),
+            ("--wavelength-mm", self.wavelength_mm.is_some()),
+        ];
+        if let Some((option, _)) = swings.iter().find(|(_, given)| *given)
+            && recipes.clone().all(|recipe| recipe.weave.is_none())
+        {
+            return refused(option, "no seam weaves: add --weave sine, or another shape");
+        }
+        if self.stitch_mm.is_some() && recipes.all(|recipe| recipe.stitch.is_none()) {
+            return refused("--stitch-mm", "every seam is welded through: add --pitch-mm or --tacks");
+        }
+        Ok(())
     }
 }

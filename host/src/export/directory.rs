@@ -54,6 +54,24 @@ pub fn write(directory: &Path, files: &[File]) -> Result<(), Error> {
     result
 }
 
+/// Files in `directory` that an earlier run wrote and that are not among `files`, sorted: they follow another plan.
+pub fn of_earlier_runs(directory: &Path, files: &[File]) -> Vec<String> {
+    let entries = std::fs::read_dir(directory).into_iter().flatten().flatten();
+    let names = entries.filter_map(|entry| entry.file_name().into_string().ok());
+    let is_ours = |name: &String| {
+        let dialect = [".mod", ".src", ".dat", ".ls"].iter().any(|extension| name.ends_with(extension));
+        dialect || RESULTS.contains(&name.as_str())
+    };
+    let mut left: Vec<String> =
+        names.filter(|name| is_ours(name) && files.iter().all(|file| file.name != *name)).collect();
+    left.sort();
+    left
+}
+
+/// What some runs write and others do not, beside the programs that are named by the job.
+const RESULTS: [&str; 7] =
+    ["path.script", "poses.yaml", "poses.json", "report.html", "report.svg", "feasibility.csv", "refit.json"];
+
 /// Whether [`write()`] may put files there, asked before the work that makes them. Changes nothing.
 pub fn check(directory: &Path) -> Result<(), Error> {
     let named = directory.ancestors().filter(|a| !a.as_os_str().is_empty());
@@ -122,6 +140,17 @@ fn make_parent(path: &Path) -> Result<(), Error> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn programs_of_an_earlier_run_are_named() {
+        let home = tempfile::tempdir().unwrap();
+        let named = |names: &[&str]| names.iter().map(|&name| File::new(name, name)).collect::<Vec<_>>();
+        write(home.path(), &named(&["path.script", "weldpath_2.src", "notes.txt", "path.json"])).unwrap();
+        let now = named(&["path.json", "weldpath.mod", "path.script"]);
+        write(home.path(), &now).unwrap();
+        assert_eq!(of_earlier_runs(home.path(), &now), ["weldpath_2.src"]);
+        assert_eq!(of_earlier_runs(&home.path().join("none"), &now), [""; 0]);
+    }
 
     fn names(directory: &Path) -> Vec<String> {
         let mut names: Vec<String> = std::fs::read_dir(directory)

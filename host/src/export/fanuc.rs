@@ -33,7 +33,7 @@ pub fn write(waypoints: &[Waypoint], settings: &Settings) -> Result<Vec<File>, T
         opening.extend(motions(settings, &moves, true));
         return Ok(vec![program(name, &opening, &positions(settings, &moves))]);
     }
-    let names: Vec<String> = (0..parts.len()).map(|i| part_name(name, i, parts.len())).collect();
+    let names: Vec<String> = (0..parts.len()).map(|i| part_name(name, i)).collect();
     opening.extend(names.iter().map(|part| format!("  CALL {}", part.to_uppercase())));
     let mut files = vec![program(name, &opening, "")];
     for (i, (part, run)) in names.iter().zip(&parts).enumerate() {

@@ -30,7 +30,7 @@ pub fn write(waypoints: &[Waypoint], settings: &Settings) -> Result<Vec<File>, T
     if let [] | [_] = parts.as_slice() {
         return Ok(vec![source(name, &main(settings, &motions(name, &moves, true))), data(name, &moves)]);
     }
-    let names: Vec<String> = (0..parts.len()).map(|i| part_name(name, i, parts.len())).collect();
+    let names: Vec<String> = (0..parts.len()).map(|i| part_name(name, i)).collect();
     let calls: String = names.iter().map(|part| format!("{part}()\n")).collect();
     let mut files = vec![source(name, &main(settings, &calls)), data(name, &[])];
     for (i, (part, run)) in names.iter().zip(&parts).enumerate() {

@@ -123,13 +123,13 @@ pub fn parts(moves: &[Move], limit: usize, dialect: &'static str) -> Result<Vec<
 }
 
 /// `R Rot(m, 180°)`: columns `(-o, m, -n)`, so that z points into the work.
-pub fn into_work(base_from_torch: &UnitQuaternion<f64>) -> UnitQuaternion<f64> {
+fn into_work(base_from_torch: &UnitQuaternion<f64>) -> UnitQuaternion<f64> {
     base_from_torch * UnitQuaternion::new_unchecked(Quaternion::new(0.0, 0.0, 1.0, 0.0))
 }
 
 /// Largest blend radius that neither overlaps its neighbours nor leaves a corner by more than 0.1 mm: a parabola that
 /// starts `r` before a turn by `φ` passes it at `r/2 sin(φ/2)`.
-pub fn blend_mm(before: &Waypoint, here: &Waypoint, after: &Waypoint) -> f64 {
+fn blend_mm(before: &Waypoint, here: &Waypoint, after: &Waypoint) -> f64 {
     let into = here.position_mm - before.position_mm;
     let out = after.position_mm - here.position_mm;
     let half_turn = (0.5 * into.angle(&out)).sin().max(1e-9);

@@ -35,7 +35,7 @@ pub fn write(waypoints: &[Waypoint], settings: &Settings) -> Result<Vec<File>, T
     }
     let mut files = vec![file(&settings.name, main(settings, &numbers, parts.len()))];
     for (index, part) in parts.iter().enumerate() {
-        let name = part_name(&settings.name, index, parts.len());
+        let name = part_name(&settings.name, index);
         let run = moves.get(part.clone()).unwrap_or_default();
         let body = targets(run)
             + &procedure(&format!("{name}_run"), &instructions(settings, &numbers, run, index == 0));
@@ -56,7 +56,7 @@ impl Numbers {
     fn new(moves: &[Move]) -> Self {
         let of = |welding: bool| {
             let mut feeds: Vec<f64> =
-                moves.iter().filter(|m| m.welding == welding).map(|m| m.feed_mm_s).collect();
+                moves.iter().filter(|m| m.welding == welding).map(|m| rounded(m.feed_mm_s)).collect();
             feeds.sort_by(f64::total_cmp);
             feeds.dedup();
             feeds
@@ -83,9 +83,15 @@ impl Numbers {
 
     fn speed(&self, name: &str, feed_mm_s: f64, welding: bool) -> String {
         let (feeds, letter) = if welding { (&self.weld_mm_s, 'w') } else { (&self.air_mm_s, 'v') };
-        let index = feeds.iter().position(|&feed| feed == feed_mm_s).unwrap_or(0);
+        let index = feeds.iter().position(|&feed| feed == rounded(feed_mm_s)).unwrap_or(0);
         format!("{name}_{letter}{}", index + 1)
     }
+}
+
+/// A speed, mm/s, in the steps in which speeds are declared: a weave has hundreds that nearly agree, and each is
+/// welddata to be edited.
+fn rounded(feed_mm_s: f64) -> f64 {
+    if feed_mm_s < 1.0 { feed_mm_s } else { (feed_mm_s * 20.0).round() / 20.0 }
 }
 
 /// The largest zone that every controller knows within `blend_mm`.
@@ -101,7 +107,7 @@ fn module(settings: &Settings, numbers: &Numbers, moves: &[Move]) -> String {
 
 fn main(settings: &Settings, numbers: &Numbers, parts: usize) -> String {
     let name = &settings.name;
-    let calls: String = (0..parts).map(|i| format!("    {}_run;\n", part_name(name, i, parts))).collect();
+    let calls: String = (0..parts).map(|i| format!("    {}_run;\n", part_name(name, i))).collect();
     let run = procedure(&format!("{name}_run"), &calls);
     format!("MODULE {name}\n{}{run}ENDMODULE\n", declarations(settings, numbers))
 }

@@ -63,7 +63,7 @@ pub fn files(robot: Robot, waypoints: &[Waypoint], settings: &Settings) -> Resul
     })
 }
 
-/// Name of part `index`, counted from 0, of `count`: a lone part is the program itself.
-pub(super) fn part_name(name: &str, index: usize, count: usize) -> String {
-    if count == 1 { name.to_owned() } else { format!("{name}_{}", index + 1) }
+/// Name of part `index`, counted from 0, of a divided program.
+pub(super) fn part_name(name: &str, index: usize) -> String {
+    format!("{name}_{}", index + 1)
 }

@@ -9,8 +9,8 @@ use std::fmt::Write;
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::moves::{self, blend_mm, into_work};
-use crate::toolpath::program::{Kind, Waypoint};
+use super::moves::{self, Move, Switch, moves};
+use crate::toolpath::program::Waypoint;
 
 /// Acceleration of every straight move, m/s².
 const ACCELERATION_M_S2: f64 = 0.5;
@@ -62,9 +62,10 @@ pub fn write(waypoints: &[Waypoint], settings: &Settings) -> String {
     script.text.push_str("def weldpath():\n");
     script.line("# weldpath: robot base frame, metres, rotation vectors; tool z points into the work.");
     script.setup(settings);
-    for (i, waypoint) in waypoints.iter().enumerate() {
-        let before = i.checked_sub(1).and_then(|i| waypoints.get(i));
-        script.waypoint(before, waypoint, waypoints.get(i + 1), &settings.arc);
+    let moves = moves(waypoints);
+    for (i, one) in moves.iter().enumerate() {
+        let next = moves.get(i + 1).and_then(|next| next.then);
+        script.one(i == 0, one, next, &settings.arc);
     }
     script.text.push_str("end\n");
     script.text
@@ -96,41 +97,29 @@ impl Script {
         self.switch(settings.arc.gas_output, false);
     }
 
-    /// One waypoint with what happens before and after its move.
-    fn waypoint(&mut self, before: Option<&Waypoint>, here: &Waypoint, after: Option<&Waypoint>, arc: &Arc) {
-        let welds = |other: Option<&Waypoint>| other.is_some_and(|o| o.weld && o.seam == here.seam);
-        let pose = self.pose(here);
-        match here.kind {
-            Kind::Weld if welds(before) => {
-                let blend_mm = match (before, after) {
-                    (Some(before), Some(next)) if welds(after) && here.dwell_s.is_none() => {
-                        blend_mm(before, here, next)
-                    }
-                    _ => 0.0,
-                };
-                self.line(format_args!(
-                    "movep({pose}, a={ACCELERATION_M_S2}, v={}, r={})",
-                    metres(here.feed_mm_s),
-                    metres((blend_mm * 1e3).floor() / 1e3)
-                ));
-                self.sleep(here.dwell_s.unwrap_or(0.0));
-                if !welds(after) {
-                    self.arc_off(arc);
-                }
-            }
-            _ if before.is_none() => self.line(format_args!("movej({pose}, a=0.5, v=0.25)")),
-            _ => {
-                let speed = metres(here.feed_mm_s);
-                self.line(format_args!("movel({pose}, a={ACCELERATION_M_S2}, v={speed})"));
-            }
+    /// One move, and what happens where it ends; `next` is what happens at the end of the move after it.
+    fn one(&mut self, first: bool, one: &Move, next: Option<Switch>, arc: &Arc) {
+        let pose = self.pose(one);
+        let speed = metres(one.feed_mm_s);
+        if one.welding {
+            let radius = metres((one.blend_mm * 1e3).floor() / 1e3);
+            self.line(format_args!("movep({pose}, a={ACCELERATION_M_S2}, v={speed}, r={radius})"));
+        } else if first {
+            self.line(format_args!("movej({pose}, a=0.5, v=0.25)"));
+        } else {
+            self.line(format_args!("movel({pose}, a={ACCELERATION_M_S2}, v={speed})"));
         }
-        match here.kind {
-            Kind::Approach if after.is_some_and(|after| after.weld) => self.gas_on(here.seam, arc),
-            Kind::Weld if !welds(before) => {
-                self.arc_on(arc);
-                self.sleep(here.dwell_s.unwrap_or(0.0));
-            }
-            _ => {}
+        if next == Some(Switch::On) {
+            self.gas_on(one.seam, arc);
+        }
+        if one.then == Some(Switch::On) {
+            self.arc_on(arc);
+        }
+        if one.welding || one.then.is_some() {
+            self.sleep(one.dwell_s.unwrap_or(0.0));
+        }
+        if one.then == Some(Switch::Off) {
+            self.arc_off(arc);
         }
     }
 
@@ -190,10 +179,10 @@ impl Script {
         }
     }
 
-    fn pose(&mut self, waypoint: &Waypoint) -> String {
-        let rotation_rad = rotation_vector(&into_work(&waypoint.base_from_torch), self.previous_rad);
+    fn pose(&mut self, one: &Move) -> String {
+        let rotation_rad = rotation_vector(&one.base_from_tool, self.previous_rad);
         self.previous_rad = Some(rotation_rad);
-        let [x, y, z] = <[f64; 3]>::from(waypoint.position_mm.coords).map(metres);
+        let [x, y, z] = <[f64; 3]>::from(one.position_mm.coords).map(metres);
         let [rx, ry, rz] = <[f64; 3]>::from(rotation_rad).map(decimal);
         format!("p[{x}, {y}, {z}, {rx}, {ry}, {rz}]")
     }
@@ -222,6 +211,7 @@ fn decimal(value: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::toolpath::program::Kind;
     use std::f64::consts::{PI, TAU};
 
     #[test]
@@ -239,6 +229,31 @@ mod tests {
             previous = Some(v);
         }
         assert!(previous.unwrap().norm() > TAU, "wound on, not wrapped");
+    }
+
+    #[test]
+    fn a_seam_of_one_point_strikes_no_arc() {
+        let at = |z: f64, kind| Waypoint {
+            position_mm: nalgebra::Point3::new(0.0, 0.0, z),
+            base_from_torch: UnitQuaternion::identity(),
+            feed_mm_s: 10.0,
+            weld: kind == Kind::Weld,
+            seam: Some(1),
+            kind,
+            dwell_s: None,
+        };
+        let seam = [at(9.0, Kind::Approach), at(0.0, Kind::Weld), at(9.0, Kind::Retract)];
+        let arc = Arc {
+            output: 0,
+            gas_output: Some(1),
+            established_input: None,
+            gas_preflow_s: 0.1,
+            strike_s: 0.1,
+            crater_s: 0.1,
+            gas_postflow_s: 0.1,
+        };
+        let script = write(&seam, &Settings { tool: None, arc });
+        assert!(!script.contains("True"), "{script}");
     }
 
     #[test]
