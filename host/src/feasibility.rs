@@ -18,12 +18,11 @@ use nalgebra::{Isometry3, Quaternion, UnitQuaternion};
 use rayon::prelude::*;
 
 use crate::cloud::PointCloud;
-use crate::toolpath::SeamPath;
 use crate::toolpath::program::Waypoint;
 use arm::{Arm, Joints};
 use moves::Station;
 use problem::Problem;
-use suggestion::Suggestion;
+use suggestion::{Rewelded, Suggestion};
 use torch::{Obstacles, Torch};
 
 /// The arm and where it stands.
@@ -99,18 +98,13 @@ impl Report {
     }
 }
 
-/// Checks the program of `paths`, as `program` makes it, and tries changes where it fails.
-pub fn assess(
-    paths: &[SeamPath],
-    program: &(dyn Fn(&[SeamPath]) -> Vec<Waypoint> + Sync),
-    model: &PointCloud,
-    setup: &Setup,
-) -> Report {
+/// Checks the program that `program` makes without changes, and tries changes where it fails.
+pub fn assess(program: &Rewelded, model: &PointCloud, setup: &Setup) -> Report {
     let checker = Checker { setup, obstacles: Obstacles::new(model) };
-    let waypoints = program(paths);
+    let waypoints = program(&[]);
     let checks = checker.checks(&waypoints, Depth::Full);
     let problems = checker.problems(&waypoints, &checks);
-    let suggestions = suggestion::tried(&checker, paths, program, &problems);
+    let suggestions = suggestion::tried(&checker, program, &problems);
     let robot = setup.robot.as_ref().map(|robot| robot.arm.name.clone());
     Report { robot, checks, problems, suggestions }
 }

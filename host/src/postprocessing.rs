@@ -5,6 +5,7 @@ use std::collections::BTreeSet;
 use crate::export::directory::File;
 use crate::export::summary::{Source, Summary};
 use crate::export::{csv, feasibility as feasibility_csv, json, moves, ply, robot};
+use crate::feasibility::suggestion::Change;
 use crate::feasibility::{self, Report};
 use crate::job::layer::{Direction, Weld};
 use crate::job::{ASSUMED_TCP_MM, Job, Method, Sequence};
@@ -44,13 +45,14 @@ pub enum Error {
 /// Everything that follows from `plan` and `job`; writes nothing.
 pub fn postprocess(plan: &Plan, job: &Job, source: Source) -> Result<Output, Error> {
     let seams = ordered(select(&plan.paths, &job.selection)?, plan, job)?;
-    let passes: Vec<Pass> = seams.iter().flat_map(|(path, weld)| passes(path, weld, job.method)).collect();
+    let passes: Vec<Pass> =
+        seams.iter().flat_map(|(path, weld)| passes(path, weld, job.method, &[])).collect();
     let program = program(&passes, &plan.model);
     let mut warnings = plan.warnings.clone();
     warnings.extend(passes.iter().filter_map(shortened_away));
     warnings.extend(program.warnings.iter().cloned());
     warnings.extend(tool_warning(job));
-    let feasibility = feasibility(plan, job, &passes);
+    let feasibility = feasibility(plan, job, &seams);
     warnings.extend(feasibility.iter().flat_map(Report::warnings));
     let paths: Vec<SeamPath> = passes.into_iter().map(|pass| pass.path).collect();
     let lines: Vec<SeamPath> = seams.into_iter().map(|(path, _)| path).collect();
@@ -134,13 +136,18 @@ fn way(path: &SeamPath, weld: &Weld, job: &Job) -> Way {
     }
 }
 
-fn passes(path: &SeamPath, weld: &Weld, method: Method) -> Vec<Pass> {
+/// The passes of a seam, with the changes that name it.
+fn passes(path: &SeamPath, weld: &Weld, method: Method, changes: &[(usize, Change)]) -> Vec<Pass> {
+    let own = || changes.iter().filter(|(seam, _)| *seam == path.seam).map(|(_, change)| change);
+    let turned = own().filter(|change| change.reverses()).count() % 2 == 1;
+    let path = if turned { reverse(path) } else { path.clone() };
     // The paper's edge points come in no order that could be sampled anew.
     let recipe = |recipe: Recipe| match method {
         Method::Paper => Recipe { sampling: None, ..recipe },
         Method::Weldpath => recipe,
     };
-    let pass = |(own, motion)| Pass { path: apply(path, &recipe(own)), motion };
+    let changed = |first: Recipe| own().fold(first, |recipe, change| change.on(recipe));
+    let pass = |(own, motion)| Pass { path: apply(&path, &recipe(changed(own))), motion };
     weld.passes().into_iter().map(pass).collect()
 }
 
@@ -153,15 +160,12 @@ fn shortened_away(pass: &Pass) -> Option<String> {
 }
 
 /// Reach, joints and torch, if the job says with what.
-fn feasibility(plan: &Plan, job: &Job, passes: &[Pass]) -> Option<Report> {
-    let motion =
-        |path: &SeamPath| passes.iter().find(|pass| pass.path.seam == path.seam).map(|pass| pass.motion);
-    let tried = |paths: &[SeamPath]| {
-        let run = |path: &SeamPath| Some(Pass { path: path.clone(), motion: motion(path)? });
-        program(&paths.iter().filter_map(run).collect::<Vec<_>>(), &plan.model).waypoints
+fn feasibility(plan: &Plan, job: &Job, seams: &[(SeamPath, Weld)]) -> Option<Report> {
+    let rewelded = |changes: &[(usize, Change)]| {
+        let run = |(path, weld): &(SeamPath, Weld)| passes(path, weld, job.method, changes);
+        program(&seams.iter().flat_map(run).collect::<Vec<_>>(), &plan.model).waypoints
     };
-    let paths: Vec<SeamPath> = passes.iter().map(|pass| pass.path.clone()).collect();
-    Some(feasibility::assess(&paths, &tried, &plan.model, &job.feasibility()?))
+    Some(feasibility::assess(&rewelded, &plan.model, &job.feasibility()?))
 }
 
 fn tool_warning(job: &Job) -> Option<String> {

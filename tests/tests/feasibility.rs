@@ -72,6 +72,82 @@ fn a_torch_too_wide_for_the_corner_collides() {
     assert!(kinds.contains(&"collision"), "{said}");
 }
 
+/// The job with a torch that leans into the web, its passes and its turn given.
+fn leaning(home: &Path, work_angle_deg: f64, turn_deg: f64, passes: usize) -> Value {
+    let job = format!(
+        "input = {:?}\n[torch]\nwork_angle_deg = {work_angle_deg}\nturn_deg = {turn_deg}\n[torch_body]\n{}",
+        fixture("fillet"),
+        "[[pass]]\n".repeat(passes)
+    );
+    let (file, out) = (home.join("lean.toml"), home.join("lean"));
+    std::fs::write(&file, job).unwrap();
+    let output = run(&[
+        "plan",
+        "--job",
+        file.to_str().unwrap(),
+        "--out",
+        out.to_str().unwrap(),
+        "--no-report",
+        "--json",
+    ]);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice::<Value>(&output.stdout).unwrap()["feasibility"].clone()
+}
+
+#[test]
+fn a_suggestion_solves_what_it_says_for_every_turn_and_number_of_passes() {
+    let home = tempfile::tempdir().unwrap();
+    for (turn_deg, passes) in [(0.0, 1), (180.0, 1), (90.0, 2), (0.0, 2)] {
+        let before = leaning(home.path(), 18.0, turn_deg, passes);
+        assert_eq!(before["feasible"], false, "turn {turn_deg}");
+        let words = before["suggestions"][0].as_str().unwrap_or_default();
+        let change = words.split("work angle by ").nth(1).and_then(|rest| rest.split(' ').next());
+        let deg: f64 =
+            change.unwrap_or_else(|| panic!("turn {turn_deg}, {passes} passes: {before}")).parse().unwrap();
+        let after = leaning(home.path(), 18.0 + deg, turn_deg, passes);
+        assert_eq!(after["feasible"], true, "turn {turn_deg}, {passes} passes, {words}: {after}");
+    }
+}
+
+#[test]
+fn every_pass_is_checked_at_its_own_feed() {
+    let home = tempfile::tempdir().unwrap();
+    let too_fast = |passes: &str| {
+        let job = format!(
+            "input = {:?}\n[robot.opw]\na1_mm = 150\na2_mm = 0\nc1_mm = 486.5\nc2_mm = 700\nc3_mm = 600\n\
+             c4_mm = 65\noffsets_deg = [0, 0, -90, 0, 0, 0]\nlimits_deg = [[-180, 180], [-180, 180], [-245, 245], \
+             [-400, 400], [-180, 180], [-400, 400]]\nspeeds_deg_s = [12, 12, 12, 12, 12, 12]\n[path]\napproach_feed_mm_s = 2\nair_feed_mm_s = 2\n{passes}",
+            fixture("fillet")
+        );
+        let (file, out) = (home.path().join("feeds.toml"), home.path().join("feeds"));
+        std::fs::write(&file, job).unwrap();
+        let output = run(&[
+            "plan",
+            "--job",
+            file.to_str().unwrap(),
+            "--out",
+            out.to_str().unwrap(),
+            "--no-report",
+            "--json",
+        ]);
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let waypoints: Value =
+            serde_json::from_slice(&std::fs::read(out.join("path.json")).unwrap()).unwrap();
+        let rows = std::fs::read_to_string(out.join("feasibility.csv")).unwrap().lines().count();
+        assert_eq!(rows, 1 + waypoints["waypoints"].as_array().unwrap().len());
+        let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+        let problems = report["feasibility"]["problems"].as_array().unwrap().clone();
+        problems.iter().filter(|p| p["kind"] == "joint-speed" && !p["seam"].is_null()).count()
+    };
+    let fast = too_fast("[[pass]]\npath.feed_mm_s = 250\n");
+    assert!(fast > 0);
+    let slow = too_fast("[[pass]]\npath.feed_mm_s = 2\npath.approach_mm = 20\n");
+    assert_eq!(slow, 0);
+    let both =
+        too_fast("[[pass]]\npath.feed_mm_s = 2\npath.approach_mm = 20\n[[pass]]\npath.feed_mm_s = 250\n");
+    assert!(both > 0, "the slow pass before it makes the fast one no slower");
+}
+
 #[test]
 fn without_a_robot_or_a_torch_nothing_is_checked() {
     let home = tempfile::tempdir().unwrap();

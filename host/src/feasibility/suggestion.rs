@@ -1,27 +1,27 @@
 //! Changes that make an infeasible program feasible: each one is tried on the whole program before it is told.
 
-use std::f64::consts::PI;
-
-use nalgebra::{UnitQuaternion, Vector3};
 use rayon::prelude::*;
 
 use super::problem::{self, Kind, Problem};
 use super::{Checker, Depth};
 use crate::toolpath::program::Waypoint;
-use crate::toolpath::{PathPoint, SeamPath};
+use crate::toolpath::recipe::Recipe;
 
-/// A change of one seam's path.
+/// A change of how one seam is welded, in all of its passes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Change {
-    /// The torch turned about its own axis `n`, degrees.
+    /// This much more turn about the torch axis, degrees.
     Turn(f64),
     /// The other travel direction.
     Reverse,
     /// The other travel direction, with the torch then turned about its own axis, degrees.
     ReverseAndTurn(f64),
-    /// The torch tilted about the travel direction `m`, degrees.
+    /// This much more work angle, degrees.
     WorkAngle(f64),
 }
+
+/// The whole program, with these changes of the seams that are named by [`crate::seam::Seam::id`].
+pub type Rewelded<'a> = dyn Fn(&[(usize, Change)]) -> Vec<Waypoint> + Sync + 'a;
 
 /// A change that was tried on the whole program.
 #[derive(Debug, Clone, PartialEq)]
@@ -35,17 +35,21 @@ pub struct Suggestion {
 }
 
 impl Change {
-    /// The path with the change; the tip stays on the seam.
-    pub fn applied(&self, path: &SeamPath) -> SeamPath {
-        match *self {
-            Self::Turn(deg) => {
-                turned(path, &UnitQuaternion::from_axis_angle(&Vector3::z_axis(), deg.to_radians()))
+    /// Whether the line is welded from its other end.
+    pub fn reverses(self) -> bool {
+        matches!(self, Self::Reverse | Self::ReverseAndTurn(_))
+    }
+
+    /// What a pass of the seam is then welded by.
+    pub fn on(self, recipe: Recipe) -> Recipe {
+        match self {
+            Self::Turn(deg) | Self::ReverseAndTurn(deg) => {
+                Recipe { turn_rad: recipe.turn_rad + deg.to_radians(), ..recipe }
             }
             Self::WorkAngle(deg) => {
-                turned(path, &UnitQuaternion::from_axis_angle(&Vector3::y_axis(), deg.to_radians()))
+                Recipe { work_angle_rad: recipe.work_angle_rad + deg.to_radians(), ..recipe }
             }
-            Self::Reverse => reversed(path),
-            Self::ReverseAndTurn(deg) => Self::Turn(deg).applied(&reversed(path)),
+            Self::Reverse => recipe,
         }
     }
 
@@ -75,20 +79,6 @@ impl Suggestion {
     }
 }
 
-fn turned(path: &SeamPath, by: &UnitQuaternion<f64>) -> SeamPath {
-    let point = |point: &PathPoint| PathPoint { base_from_torch: point.base_from_torch * by, ..*point };
-    SeamPath { seam: path.seam, points: path.points.iter().map(point).collect() }
-}
-
-fn reversed(path: &SeamPath) -> SeamPath {
-    let length_mm = path.points.last().map_or(0.0, |last| last.s_mm);
-    let half_turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), PI);
-    let mut back = turned(path, &half_turn);
-    back.points.reverse();
-    back.points.iter_mut().for_each(|point| point.s_mm = length_mm - point.s_mm);
-    back
-}
-
 /// From the smallest change to the largest.
 fn changes(torch_only: bool, straight: bool) -> Vec<Change> {
     let both = |deg: f64| [deg, -deg];
@@ -106,17 +96,13 @@ fn changes(torch_only: bool, straight: bool) -> Vec<Change> {
 }
 
 /// For each seam with a fatal problem the first change that leaves it without one and makes no other seam worse.
-pub(super) fn tried(
-    checker: &Checker<'_>,
-    paths: &[SeamPath],
-    program: &(dyn Fn(&[SeamPath]) -> Vec<Waypoint> + Sync),
-    problems: &[Problem],
-) -> Vec<Suggestion> {
-    let mut current = paths.to_vec();
+pub(super) fn tried(checker: &Checker<'_>, program: &Rewelded, problems: &[Problem]) -> Vec<Suggestion> {
+    let mut current: Vec<(usize, Change)> = Vec::new();
     let mut standing: Vec<Problem> = fatal(problems.to_vec());
-    let mut suggestions = Vec::new();
-    for k in 0..paths.len() {
-        let seam = paths[k].seam;
+    let mut seams: Vec<usize> = standing.iter().filter_map(|problem| problem.seam).collect();
+    seams.sort_unstable();
+    seams.dedup();
+    for seam in seams {
         let own: Vec<&Problem> = standing.iter().filter(|p| p.seam == Some(seam)).collect();
         if own.is_empty() {
             continue;
@@ -125,9 +111,7 @@ pub(super) fn tried(
         let straight = checker.setup.torch.neck_deg == 0.0;
         let others = standing.len() - own.len();
         let outcome = changes(torch_only, straight).into_par_iter().find_map_first(|change| {
-            let mut paths = current.clone();
-            paths[k] = change.applied(&paths[k]);
-            let waypoints = program(&paths);
+            let waypoints = program(&[current.as_slice(), &[(seam, change)]].concat());
             let own = problem::block(&waypoints, seam);
             let of = |waypoints: &[Waypoint], depth| {
                 fatal(checker.problems(waypoints, &checker.checks(waypoints, depth)))
@@ -141,17 +125,17 @@ pub(super) fn tried(
                 standing.iter().filter(|p| p.kind == Kind::Collision && p.seam != Some(seam)).cloned(),
             );
             let solves = left.iter().all(|p| p.seam != Some(seam)) && left.len() <= others;
-            solves.then_some((change, paths, left))
+            solves.then_some((change, left))
         });
-        if let Some((change, paths, left)) = outcome {
-            suggestions.push(Suggestion { seam, change, solves_all: false });
-            (current, standing) = (paths, left);
+        if let Some((change, left)) = outcome {
+            current.push((seam, change));
+            standing = left;
         }
     }
-    if let (true, Some(last)) = (standing.is_empty(), suggestions.last_mut()) {
-        last.solves_all = true;
-    }
-    suggestions
+    let all = standing.is_empty();
+    let last = current.len().saturating_sub(1);
+    let told = |(k, (seam, change))| Suggestion { seam, change, solves_all: all && k == last };
+    current.into_iter().enumerate().map(told).collect()
 }
 
 fn fatal(mut problems: Vec<Problem>) -> Vec<Problem> {

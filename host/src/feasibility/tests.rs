@@ -1,10 +1,13 @@
 //! Whole programs: what a person who knows the arm would say of them.
 
 use super::*;
+use crate::toolpath::ends::reverse;
 use crate::toolpath::program::{Motion, Pass, Waypoint, program};
-use crate::toolpath::{PathPoint, Process};
+use crate::toolpath::recipe::{Recipe, apply};
+use crate::toolpath::{PathPoint, Process, SeamPath};
 use nalgebra::{Point3, Translation3, Vector3};
 use problem::Kind;
+use suggestion::Change;
 
 const MOTION: Motion = Motion {
     feed_mm_s: 8.0,
@@ -54,7 +57,24 @@ fn welded(paths: &[SeamPath], model: &PointCloud) -> Vec<Waypoint> {
 }
 
 fn assessed(paths: &[SeamPath], model: &PointCloud, setup: &Setup) -> Report {
-    assess(paths, &|paths| welded(paths, model), model, setup)
+    let changed = |changes: &[(usize, Change)]| -> Vec<SeamPath> {
+        paths
+            .iter()
+            .map(|path| {
+                changes
+                    .iter()
+                    .filter(|(seam, _)| *seam == path.seam)
+                    .fold(path.clone(), |path, (_, change)| rewelded(&path, *change))
+            })
+            .collect()
+    };
+    assess(&|changes| welded(&changed(changes), model), model, setup)
+}
+
+/// A path with a change, welded by nothing else.
+fn rewelded(path: &SeamPath, change: Change) -> SeamPath {
+    let path = if change.reverses() { reverse(path) } else { path.clone() };
+    apply(&path, &change.on(Recipe::default()))
 }
 
 #[test]
@@ -124,7 +144,7 @@ fn a_turn_about_the_torch_axis_is_suggested_where_the_last_joint_has_no_range_le
     assert!(report.problems.iter().any(|p| p.kind == Kind::Limit), "{:?}", report.problems);
     let [suggestion] = report.suggestions.as_slice() else { panic!("{:?}", report.suggestions) };
     assert!(suggestion.solves_all && suggestion.seam == 1);
-    let changed = suggestion.change.applied(&seam(1, [450.0, 0.0, 100.0], 0.0));
+    let changed = rewelded(&seam(1, [450.0, 0.0, 100.0], 0.0), suggestion.change);
     assert!(assessed(&[changed], &model, &setup).is_feasible(), "{suggestion:?} must do what it says");
     assert!(
         report.warnings().iter().any(|w| w.contains("tried: the whole program")),
@@ -162,8 +182,8 @@ fn another_work_angle_is_suggested_beside_a_wall() {
     let report = assessed(&[seam(1, [450.0, 0.0, 100.0], 0.0)], &model, &setup("ur5e"));
     assert!(report.problems.iter().any(|p| p.kind == Kind::Collision));
     let [suggestion] = report.suggestions.as_slice() else { panic!("{:?}", report) };
-    assert!(matches!(suggestion.change, suggestion::Change::WorkAngle(deg) if deg < 0.0), "{suggestion:?}");
-    let changed = suggestion.change.applied(&seam(1, [450.0, 0.0, 100.0], 0.0));
+    assert!(matches!(suggestion.change, Change::WorkAngle(deg) if deg < 0.0), "{suggestion:?}");
+    let changed = rewelded(&seam(1, [450.0, 0.0, 100.0], 0.0), suggestion.change);
     assert!(changed.points[0].out_of_work().x < 0.0, "the torch leans away from the wall");
     assert!(assessed(&[changed], &model, &setup("ur5e")).is_feasible());
 }
@@ -171,7 +191,7 @@ fn another_work_angle_is_suggested_beside_a_wall() {
 #[test]
 fn a_reversed_path_runs_back_over_the_same_tips_with_a_right_handed_frame() {
     let path = seam(1, [450.0, 0.0, 100.0], 30.0);
-    let back = suggestion::Change::Reverse.applied(&path);
+    let back = rewelded(&path, Change::Reverse);
     assert_eq!(back.points.len(), path.points.len());
     assert_eq!(back.points[0].position_mm, path.points[100].position_mm);
     assert!((back.points[0].s_mm, back.points[100].s_mm) == (0.0, 200.0));
