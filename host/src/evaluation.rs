@@ -19,7 +19,7 @@ pub use alignment::{Aligned, align};
 pub use deviation::{Deviation, deviations};
 pub use paper::{fitness, paper_rmse};
 pub use path_set::PathSet;
-pub use raster::{F1, f1};
+pub use raster::{CELL_MM, F1, f1};
 pub use seam_score::SeamScore;
 pub use truth::{Target, Truth, TruthSeam};
 

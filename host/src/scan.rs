@@ -147,7 +147,7 @@ pub fn read(input: &Path, options: &Options) -> Result<Scan, Error> {
         return manifest::read(&scan_json, options);
     }
     if input.is_dir() {
-        return trajectory::read_folder(input);
+        return trajectory::read_folder(input, options);
     }
     let bytes = read_file(input)?;
     if kind::of(&bytes, input) == Some(Kind::Json) {

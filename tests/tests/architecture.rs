@@ -59,7 +59,7 @@ const HOST: &[(&str, &[&str])] = &[
         "report",
         &["cloud", "grid", "seam", "toolpath", "pipeline", "export", "job", "postprocessing", "evaluation"],
     ),
-    ("simulation", &["evaluation"]),
+    ("simulation", &["export", "evaluation"]),
     ("serial", &[]),
     ("link", &["serial", "toolpath"]),
     ("emulator", &["serial"]),

@@ -6,16 +6,13 @@ use std::path::{Path, PathBuf};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use serde::Serialize;
 use weldpath::comparison;
-use weldpath::evaluation::{self, Error, F1, Options, PathSet, Score, Target, Truth, f1, score};
+use weldpath::evaluation::{self, CELL_MM, Error, F1, Options, PathSet, Score, Target, Truth, f1, score};
 use weldpath::export::directory::{self, File};
 use weldpath::job::Job;
 use weldpath::job::quantity::StandoffMm;
 use weldpath::report;
 
 use super::{Exit, Failure, print};
-
-/// Cell of the rasters on which F1 is counted, as the paper's 2 mm.
-const CELL_MM: f64 = 2.0;
 
 /// Score a plan against the truth, or against a path that was taught
 #[derive(Debug, clap::Args)]
@@ -39,7 +36,7 @@ pub(super) struct Args {
     #[arg(long)]
     report: bool,
     /// Make the paper's tables and figures instead, beside its numbers: DIR/paper.html
-    #[arg(long, conflicts_with_all = ["dir", "truth", "standoff_mm"])]
+    #[arg(long, conflicts_with_all = ["dir", "truth", "standoff_mm", "report"])]
     paper: bool,
     /// Folder for the pages of --paper
     #[arg(long, value_name = "DIR", default_value = "paper", requires = "paper")]
@@ -125,13 +122,25 @@ fn add_to_report(dir: &Path, deviation: &str) -> Result<(), Failure> {
     directory::write(dir, &[File::new(report::PAGE, page)]).map_err(|error| Failure::new(Exit::Output, error))
 }
 
+/// How far the path was held off, by the job beside it.
 fn standoff_mm(args: &Args, dir: &Path) -> Result<f64, Failure> {
-    let file = dir.join("job.toml");
+    let home = if dir.is_dir() { dir } else { dir.parent().unwrap_or(Path::new("")) };
+    let file = home.join("job.toml");
     match (args.standoff_mm, file.is_file()) {
         (Some(given), _) => Ok(given.get()),
         (None, true) => {
             let job = Job::read(&file).map_err(|e| Failure::new(Exit::Input, &e).hint(e.hint()))?;
-            Ok(job.path.standoff_mm.unwrap_or_default().get())
+            let of_all = job.weld();
+            let welds = job.seams.iter().map(|seam| seam.weld().on(&of_all)).chain([of_all.clone()]);
+            let mut standoffs_mm = welds.flat_map(|weld| weld.passes()).map(|(recipe, _)| recipe.standoff_mm);
+            let first = standoffs_mm.next().unwrap_or(0.0);
+            if standoffs_mm.any(|other| other != first) {
+                let message = format!("in {} seams or passes differ in standoff_mm", file.display());
+                return Err(
+                    Failure::new(Exit::Usage, message).hint("say which one counts with --standoff-mm")
+                );
+            }
+            Ok(first)
         }
         (None, false) => Ok(0.0),
     }

@@ -28,7 +28,7 @@ pub struct Row {
     pub mean_ms: f64,
     /// Fastest and slowest, ms.
     pub range_ms: [f64; 2],
-    /// Length of the seam over the mean run time.
+    /// Length that was found over the mean run time.
     pub speed_mm_s: f64,
     /// Length of the seams that were found, mm; 0 if none was.
     pub found_mm: f64,

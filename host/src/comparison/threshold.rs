@@ -7,14 +7,12 @@ use weldpath_core::seam::RatioThreshold;
 use super::Piece;
 use crate::cloud::{Merged, PointCloud};
 use crate::downsampling::{Scale, voxel_grid};
-use crate::evaluation::{Target, f1};
+use crate::evaluation::{CELL_MM, Target, f1};
 use crate::job::Job;
 use crate::pipeline::Plan;
 use crate::seam::paper;
 use crate::{denoising, normals, reconstruction};
 
-/// Cell of the rasters, mm, as `weldpath evaluate` has it.
-const CELL_MM: f64 = 2.0;
 /// Beyond this from the seams a point is no part of the workpiece that the paper shows, mm.
 const CROP_MM: f64 = 40.0;
 

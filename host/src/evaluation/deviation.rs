@@ -1,5 +1,6 @@
 //! How far each path point is from the seam it belongs to.
 
+use super::seam_score::BEYOND_MM;
 use super::{CORNER_MM, Nearest, Options, PathSet, Truth, projection};
 use serde::Serialize;
 
@@ -11,9 +12,6 @@ pub struct Deviation {
     /// Angle between the torch axis and the true one, degrees; none as above, between two seams, or where the path has no orientation.
     pub axis_deg: Option<f64>,
 }
-
-/// A point that far along the seam from its foot is beyond the seam's end, mm.
-const BEYOND_MM: f64 = 1.5;
 
 /// One deviation per path point, in order.
 pub fn deviations(paths: &PathSet, truth: &Truth, options: &Options) -> Vec<Deviation> {

@@ -65,15 +65,6 @@ impl PathSet {
         Ok(())
     }
 
-    /// The torch axis reversed, for a path whose z axis points into the work, as a UR tool's does.
-    pub fn from_into_work(mut self) -> Self {
-        for frame in self.frames.iter_mut().flatten() {
-            frame.column_mut(0).neg_mut();
-            frame.column_mut(2).neg_mut();
-        }
-        self
-    }
-
     /// Points with a stand-off along the torch axis taken away.
     pub(super) fn without_standoff(&self, standoff_mm: f64) -> Vec<Vector3<f64>> {
         match &self.frames {

@@ -67,7 +67,7 @@ pub(super) struct OnSeam<'a> {
 }
 
 /// A point that far along the seam from its foot is beyond the seam's end, mm.
-const BEYOND_MM: f64 = 1.5;
+pub(super) const BEYOND_MM: f64 = 1.5;
 /// Path segments of these lengths count as covered in between, mm.
 const BRIDGED_MM: [f64; 2] = [0.8, 12.0];
 
@@ -90,7 +90,7 @@ impl OnSeam<'_> {
         let (required, visible) = (seam.required, seam.visible_count());
         let mut score = SeamScore { required, visible, points: self.own.len(), ..SeamScore::default() };
         if self.own.len() < 2 {
-            score.coverage = Some(0.0);
+            score.coverage = (visible > 0).then_some(0.0);
             return Measured { score, lateral_mm: Vec::new(), angles_deg: Vec::new() };
         }
         let lateral = self.lateral(seam, line);

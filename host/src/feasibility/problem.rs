@@ -53,7 +53,7 @@ pub struct Problem {
     pub first: usize,
     /// Last waypoint.
     pub last: usize,
-    /// How bad at the worst: mm from the robot's base axis, degrees, share of the speed, dexterity, or mm of clearance.
+    /// How bad at the worst: mm from the origin of the robot's base, degrees, share of the speed, dexterity, or mm of clearance.
     pub worst: f64,
 }
 

@@ -113,7 +113,11 @@ fn load(path: &Path) -> Result<Manifest, Error> {
             path,
             format!("camera.{field}"),
             problem,
-            "Give the intrinsics in pixels",
+            if field == "depth_scale_m" {
+                "Give the metres in one step of the image, often 0.001"
+            } else {
+                "Give the intrinsics in pixels"
+            },
         ));
     }
     if manifest.views.is_empty() {
@@ -380,16 +384,23 @@ fn check_direction(
 
 /// Warns of poses and depths that are possible, but probably in a wrong unit.
 fn warn_of_doubtful(manifest: &Manifest, views: &[View], warnings: &mut Vec<String>) {
-    let vector = |entry: &Entry| -> Option<[f64; 6]> {
-        let value = entry.base_from_flange.as_ref().or(entry.flange_from_base.as_ref())?;
-        serde_json::from_value(value.clone()).ok()
+    // A rotation vector is the end of a list of six, or has a name of its own.
+    let turned_rad = |pose: &Option<Value>| -> Option<f64> {
+        let value = pose.as_ref()?;
+        let list = value.get("rotation_vector_rad").unwrap_or(value);
+        let numbers: Vec<f64> = serde_json::from_value(list.clone()).ok()?;
+        matches!(numbers.len(), 3 | 6)
+            .then(|| Vector3::from_column_slice(&numbers[numbers.len() - 3..]).norm())
     };
-    let turns = |entry: &&Entry| {
-        vector(entry).is_some_and(|p| Vector3::new(p[3], p[4], p[5]).norm() > 2.01 * std::f64::consts::PI)
-    };
-    if let Some(i) = manifest.views.iter().position(|entry| turns(&entry)) {
-        warnings
-            .push(format!("views[{i}].base_from_flange turns by more than a whole turn: is it in degrees?"));
+    let doubtful = manifest.views.iter().enumerate().find_map(|(i, entry)| {
+        let poses =
+            [("base_from_flange", &entry.base_from_flange), ("flange_from_base", &entry.flange_from_base)];
+        let whole_turn_rad = 2.01 * std::f64::consts::PI;
+        let turns = |pose| turned_rad(pose).is_some_and(|rad| rad > whole_turn_rad);
+        poses.into_iter().find(|(_, pose)| turns(pose)).map(|(name, _)| format!("views[{i}].{name}"))
+    });
+    if let Some(place) = doubtful {
+        warnings.push(format!("{place} turns by more than a whole turn: is it in degrees?"));
     }
     let posed = manifest
         .views
@@ -511,6 +522,9 @@ mod tests {
         assert!(warnings.iter().all(|w| w.contains("units")) && warnings.len() == 2, "{warnings:?}");
         let degrees = scan(&posed(IDENTITY, "[0.4,0,0.3,0,180,0]")).unwrap();
         assert!(degrees.warnings[0].contains("degrees"));
+        let named = r#"{"xyz": [0.4, 0, 0.3], "rotation_vector_rad": [0, 180, 0]}"#;
+        let degrees = scan(&posed(IDENTITY, named)).unwrap();
+        assert!(degrees.warnings[0].contains("base_from_flange turns"), "{:?}", degrees.warnings);
     }
 
     #[test]

@@ -6,18 +6,20 @@
 
 use std::path::{Path, PathBuf};
 
-use nalgebra::{Isometry3, Matrix3, Quaternion, Rotation3, Translation3, UnitQuaternion};
+use nalgebra::Isometry3;
 use rayon::prelude::*;
 use serde::Deserialize;
 
 use super::depth::{self, Camera, PRIMESENSE};
-use super::{Error, Scan, direction, manifest, name_of, read_file};
+use super::transform::{Fault, from_quaternion, from_rows};
+use super::units::Unit;
+use super::{Error, Options, Scan, direction, manifest, name_of, read_file};
 use crate::cloud::View;
 
 const HELP: &str = "Write a scan.json that names the views and their poses, or give one file";
 
 /// Reads the depth images of `folder` (or of its `depth/`) with the trajectory beside them.
-pub(super) fn read_folder(folder: &Path) -> Result<Scan, Error> {
+pub(super) fn read_folder(folder: &Path, options: &Options) -> Result<Scan, Error> {
     let images = match sorted(folder, &["png"])? {
         images if images.is_empty() => sorted(&folder.join("depth"), &["png"]).unwrap_or_default(),
         images => images,
@@ -26,7 +28,9 @@ pub(super) fn read_folder(folder: &Path) -> Result<Scan, Error> {
         let problem = format!("there is neither a {} nor a depth image", manifest::NAME);
         return Err(Error::malformed(folder, "folder", problem, HELP));
     }
-    let (file, poses) = trajectory(folder)?;
+    let unit = Unit::chosen(options.units).unwrap_or(Unit::Metre);
+    let overruled = (unit != Unit::Metre).then(|| "--units overrules the metres of trajectories".to_owned());
+    let (file, poses) = trajectory(folder, unit)?;
     let poses = matched(poses, &images, &file)?;
     let (camera, assumed) = camera(folder)?;
     let read: Vec<_> = images.par_iter().zip(poses).map(|(image, pose)| view(image, &camera, pose)).collect();
@@ -36,7 +40,7 @@ pub(super) fn read_folder(folder: &Path) -> Result<Scan, Error> {
         return Err(Error::empty(folder, "no depth image has a reading"));
     }
     let left_out = blind.iter().map(|view| format!("{} sees nothing and is left out", view.name));
-    let warnings = assumed.into_iter().chain(left_out).collect();
+    let warnings = overruled.into_iter().chain(assumed).chain(left_out).collect();
     check_direction(&views, &file)?;
     let notes = vec![format!("{} camera poses from {}", images.len(), file.display())];
     Ok(Scan { views, notes, warnings, inputs: std::iter::once(file).chain(images).collect() })
@@ -155,26 +159,27 @@ const LISTS: [&str; 4] = [TUM_LIST, "rgb.txt", "accelerometer.txt", "association
 type Stamped = (Option<f64>, Isometry3<f64>);
 
 /// The first file that is a trajectory; names with `trajectory` or `groundtruth` come first.
-fn trajectory(folder: &Path) -> Result<(PathBuf, Vec<Stamped>), Error> {
+fn trajectory(folder: &Path, unit: Unit) -> Result<(PathBuf, Vec<Stamped>), Error> {
     let mut files = sorted(folder, &["log", "txt"])?;
     files.retain(|path| !LISTS.contains(&name_of(path).as_str()));
     let named =
         |path: &PathBuf| ["trajectory", "groundtruth"].iter().any(|word| name_of(path).contains(word));
     files.sort_by_key(|path| !named(path));
-    let Some(file) = files.into_iter().next() else {
-        return Err(Error::malformed(
-            folder,
-            "folder",
-            "depth images, but no poses: no .log or .txt is there",
-            HELP,
-        ));
-    };
-    let bytes = read_file(&file)?;
-    let poses = poses(&String::from_utf8_lossy(&bytes), &file)?;
-    Ok((file, poses))
+    let mut refused = None;
+    for file in files {
+        match poses(&String::from_utf8_lossy(&read_file(&file)?), &file, unit) {
+            Ok(poses) if !poses.is_empty() => return Ok((file, poses)),
+            Ok(_) => {}
+            Err(error) => {
+                refused.get_or_insert(error);
+            }
+        }
+    }
+    let none = "depth images, but no poses: no .log or .txt is there that holds any";
+    Err(refused.unwrap_or_else(|| Error::malformed(folder, "folder", none, HELP)))
 }
 
-fn poses(text: &str, file: &Path) -> Result<Vec<Stamped>, Error> {
+fn poses(text: &str, file: &Path, unit: Unit) -> Result<Vec<Stamped>, Error> {
     let mut rows = Vec::new();
     for (i, line) in text.lines().enumerate() {
         if line.trim().is_empty() || line.starts_with('#') {
@@ -189,40 +194,32 @@ fn poses(text: &str, file: &Path) -> Result<Vec<Stamped>, Error> {
     let tum = rows.first().is_some_and(|(_, row)| row.len() == 8);
     let read = |chunk: &[(usize, Vec<f64>)]| {
         let time = chunk[0].1.first().copied().filter(|_| tum);
-        let pose = if tum { tum_pose(&chunk[0].1) } else { redwood_pose(chunk) };
+        let pose = if tum { tum_pose(&chunk[0].1, unit) } else { redwood_pose(chunk, unit) };
         pose.map(|pose| (time, pose))
-            .map_err(|problem| Error::malformed(file, format!("line {}", chunk[0].0), problem, HELP))
+            .map_err(|(problem, help)| Error::malformed(file, format!("line {}", chunk[0].0), problem, help))
     };
     rows.chunks(if tum { 1 } else { 5 }).map(read).collect()
 }
 
-/// Unlike scalars in a file, a rotation has a rule: unit length, or orthonormal rows.
-const RIGID: f64 = 2e-3;
-
-fn tum_pose(row: &[f64]) -> Result<Isometry3<f64>, String> {
-    let [_, x, y, z, qx, qy, qz, qw] = row else { return Err(format!("{} numbers, not 8", row.len())) };
-    let rotation = Quaternion::new(*qw, *qx, *qy, *qz);
-    if (rotation.norm() - 1.0).abs() > RIGID {
-        return Err(format!("the quaternion has length {:.4}", rotation.norm()));
-    }
-    let at_mm = Translation3::new(x * 1000.0, y * 1000.0, z * 1000.0);
-    Ok(Isometry3::from_parts(at_mm, UnitQuaternion::from_quaternion(rotation)))
+fn tum_pose(row: &[f64], unit: Unit) -> Result<Isometry3<f64>, Fault> {
+    let [_, x, y, z, qx, qy, qz, qw] = row else {
+        return Err((format!("{} numbers, not 8", row.len()), HELP));
+    };
+    from_quaternion([*x, *y, *z], [*qx, *qy, *qz, *qw], unit)
 }
 
-fn redwood_pose(chunk: &[(usize, Vec<f64>)]) -> Result<Isometry3<f64>, String> {
-    let rows: Vec<&[f64]> = chunk.iter().map(|(_, row)| row.as_slice()).collect();
-    let [[_, _, _], [r00, r01, r02, x], [r10, r11, r12, y], [r20, r21, r22, z], [0.0, 0.0, 0.0, 1.0]] =
-        rows[..]
-    else {
-        return Err("not three integers and a 4x4 matrix with the last row 0 0 0 1".into());
-    };
-    let rotation = Matrix3::new(*r00, *r01, *r02, *r10, *r11, *r12, *r20, *r21, *r22);
-    let off = (rotation.transpose() * rotation - Matrix3::identity()).amax();
-    if off > RIGID || rotation.determinant() < 0.0 {
-        return Err(format!("the 3x3 part is not a rotation (off by {off:.2e})"));
+fn redwood_pose(chunk: &[(usize, Vec<f64>)], unit: Unit) -> Result<Isometry3<f64>, Fault> {
+    let no_matrix = || ("not three integers and a 4x4 matrix".to_owned(), HELP);
+    let [(_, head), rows @ ..] = chunk else { return Err(no_matrix()) };
+    let rows: Vec<[f64; 4]> = rows
+        .iter()
+        .map(|(_, row)| row.as_slice().try_into())
+        .collect::<Result<_, _>>()
+        .map_err(|_| no_matrix())?;
+    match (head.len(), <[[f64; 4]; 4]>::try_from(rows)) {
+        (3, Ok(matrix)) => from_rows(&matrix, unit),
+        _ => Err(no_matrix()),
     }
-    let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix(&rotation));
-    Ok(Isometry3::from_parts(Translation3::new(x * 1000.0, y * 1000.0, z * 1000.0), rotation))
 }
 
 #[cfg(test)]
@@ -230,7 +227,7 @@ mod tests {
     use super::*;
 
     fn read(text: &str) -> Result<Vec<Isometry3<f64>>, Error> {
-        Ok(poses(text, Path::new("trajectory.log"))?.into_iter().map(|pose| pose.1).collect())
+        Ok(poses(text, Path::new("trajectory.log"), Unit::Metre)?.into_iter().map(|pose| pose.1).collect())
     }
 
     #[test]
@@ -239,7 +236,7 @@ mod tests {
         let file = Path::new("groundtruth.txt");
         let names = |names: &[&str]| names.iter().map(PathBuf::from).collect::<Vec<_>>();
         let x = |images: &[&str]| -> Result<Vec<f64>, Error> {
-            let poses = matched(poses(text, file).unwrap(), &names(images), file)?;
+            let poses = matched(poses(text, file, Unit::Metre).unwrap(), &names(images), file)?;
             Ok(poses.iter().map(|pose| pose.translation.x).collect())
         };
         assert_eq!(x(&["depth/10.0118.png", "depth/10.507.png"]).unwrap(), [2000.0, 4000.0]);

@@ -78,7 +78,11 @@ fn from_vector(at: [f64; 3], vector: [f64; 3], unit: Unit) -> Result<Isometry3<f
     Ok(rigid(at, UnitQuaternion::from_scaled_axis(vector), unit))
 }
 
-fn from_quaternion(at: [f64; 3], [x, y, z, w]: [f64; 4], unit: Unit) -> Result<Isometry3<f64>, Fault> {
+pub(super) fn from_quaternion(
+    at: [f64; 3],
+    [x, y, z, w]: [f64; 4],
+    unit: Unit,
+) -> Result<Isometry3<f64>, Fault> {
     let quaternion = Quaternion::new(w, x, y, z);
     if (quaternion.norm() - 1.0).abs() > RIGID {
         return Err((
@@ -89,7 +93,7 @@ fn from_quaternion(at: [f64; 3], [x, y, z, w]: [f64; 4], unit: Unit) -> Result<I
     Ok(rigid(at, UnitQuaternion::from_quaternion(quaternion), unit))
 }
 
-fn from_rows(rows: &[[f64; 4]; 4], unit: Unit) -> Result<Isometry3<f64>, Fault> {
+pub(super) fn from_rows(rows: &[[f64; 4]; 4], unit: Unit) -> Result<Isometry3<f64>, Fault> {
     if rows[3].iter().zip([0.0, 0.0, 0.0, 1.0]).any(|(a, b)| (a - b).abs() > 1e-9) {
         return Err((
             format!("the last row is {:?}, not 0 0 0 1", rows[3]),

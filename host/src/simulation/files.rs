@@ -2,9 +2,9 @@
 
 use super::request::{Error, Format};
 use super::{Camera, DepthImage, Simulated};
+use crate::export::directory::{self, File};
 use serde::Serialize;
-use std::fs;
-use std::io::{self, Write};
+use std::io;
 use std::path::Path;
 
 /// Metres per millimetre.
@@ -39,18 +39,25 @@ struct ViewEntry {
     base_from_flange: [f64; 6],
 }
 
-/// Writes `scan` into `folder`, which is made if need be. `scan.json` comes last: without it there is no scan.
+/// Writes `scan` into `folder`, which is made if need be: all of it, or nothing.
 pub fn write(scan: &Simulated, folder: &Path) -> Result<(), Error> {
-    fs::create_dir_all(folder).map_err(|source| Error::Write { path: folder.into(), source })?;
-    for (i, view) in scan.views.iter().enumerate() {
+    let made = |name: String, bytes: io::Result<Vec<u8>>| match bytes {
+        Ok(bytes) => Ok(File::new(name, bytes)),
+        Err(source) => Err(Error::Write { path: folder.join(name), source }),
+    };
+    let views = scan.views.iter().enumerate().map(|(i, view)| {
         let bytes = match scan.format {
             Format::Png => png_bytes(&view.image),
             Format::Ply => Ok(ply_bytes(&view.image, &scan.camera)),
         };
-        put(folder, &view_name(scan.format, i), bytes)?;
-    }
-    put(folder, "truth.json", json_bytes(&scan.truth, false))?;
-    put(folder, "scan.json", json_bytes(&scan_file(scan), true))
+        made(view_name(scan.format, i), bytes)
+    });
+    let lists = [
+        made("truth.json".into(), json_bytes(&scan.truth, false)),
+        made("scan.json".into(), json_bytes(&scan_file(scan), true)),
+    ];
+    let files = views.chain(lists).collect::<Result<Vec<File>, Error>>()?;
+    directory::write(folder, &files).map_err(|error| Error::Write { path: error.path, source: error.source })
 }
 
 fn view_name(format: Format, i: usize) -> String {
@@ -121,21 +128,4 @@ fn ply_bytes(image: &DepthImage, camera: &Camera) -> Vec<u8> {
     let coordinates = points.iter().flat_map(|p| [p.x, p.y, p.z]);
     let body = coordinates.flat_map(|x| ((x * M_PER_MM) as f32).to_le_bytes());
     header.into_bytes().into_iter().chain(body).collect()
-}
-
-/// Writes a file whole or not at all.
-fn put(folder: &Path, name: &str, bytes: io::Result<Vec<u8>>) -> Result<(), Error> {
-    let path = folder.join(name);
-    let unfinished = folder.join(format!(".{name}.unfinished"));
-    let written = bytes.and_then(|bytes| {
-        let mut file = fs::File::create(&unfinished)?;
-        file.write_all(&bytes)?;
-        drop(file);
-        fs::rename(&unfinished, &path)
-    });
-    written.map_err(|source| {
-        // The error that matters is the first; a leftover that cannot be removed changes nothing.
-        let _ = fs::remove_file(&unfinished);
-        Error::Write { path, source }
-    })
 }

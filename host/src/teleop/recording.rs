@@ -141,7 +141,9 @@ fn parse(text: &str) -> Result<Vec<(f64, Vec<Seen>)>, String> {
     match trimmed.bytes().next() {
         None => Err("it is empty".into()),
         Some(b'{') => json(trimmed),
-        Some(_) if trimmed.lines().any(|line| line.starts_with("timestamp_us")) => csv(text),
+        Some(_) if trimmed.lines().any(|line| line.split(',').any(|name| name.trim() == "timestamp_us")) => {
+            csv(text)
+        }
         Some(_) => {
             let shape =
                 "neither Leap Motion JSON, nor that compressed (LZ-String base64), nor CSV with the columns ";
@@ -178,7 +180,8 @@ fn seen(frame: &LeapFrame) -> Vec<Seen> {
 }
 
 fn csv(text: &str) -> Result<Vec<(f64, Vec<Seen>)>, String> {
-    let mut reader = csv::ReaderBuilder::new().comment(Some(b'#')).from_reader(text.as_bytes());
+    let mut reader =
+        csv::ReaderBuilder::new().comment(Some(b'#')).trim(csv::Trim::All).from_reader(text.as_bytes());
     let mut frames: Vec<(f64, Vec<Seen>)> = Vec::new();
     for row in reader.deserialize() {
         let row: Row = row.map_err(|error| error.to_string())?;
@@ -306,6 +309,16 @@ mod tests {
     fn a_recording_that_was_written_is_read_as_it_was() {
         let read = timed(parse(&to_csv(&frames(), "made for a test")).unwrap()).unwrap();
         assert_eq!(read, frames());
+    }
+
+    #[test]
+    fn the_columns_of_a_csv_may_come_in_any_order() {
+        let turned: Vec<String> = to_csv(&frames(), "made for a test")
+            .lines()
+            .filter(|line| !line.starts_with('#'))
+            .map(|line| line.rsplit(',').collect::<Vec<_>>().join(", "))
+            .collect();
+        assert_eq!(timed(parse(&turned.join("\n")).unwrap()).unwrap(), frames());
     }
 
     #[test]
