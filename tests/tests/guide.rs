@@ -6,8 +6,32 @@ use std::process::Command;
 
 use weldpath_tests::command::weldpath;
 
-const SUBCOMMANDS: [&str; 10] =
-    ["plan", "simulate", "refit", "schema", "evaluate", "stream", "monitor", "pendant", "scan", "score"];
+const SUBCOMMANDS: [&str; 11] = [
+    "plan",
+    "simulate",
+    "refit",
+    "schema",
+    "evaluate",
+    "stream",
+    "monitor",
+    "pendant",
+    "scan",
+    "score",
+    "completions",
+];
+
+/// Pages for users, beside README.md.
+const PAGES: [&str; 9] = [
+    "../README.md",
+    "feasibility.md",
+    "formats.md",
+    "guide.md",
+    "pendant.md",
+    "programs.md",
+    "scan.md",
+    "troubleshooting.md",
+    "welding.md",
+];
 
 fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("the package lies in the workspace")
@@ -67,8 +91,8 @@ fn every_block_of_the_guide_ends_well_and_says_something() {
 fn every_option_that_the_pages_name_exists() {
     let helps: Vec<String> = SUBCOMMANDS.iter().map(|subcommand| help(subcommand)).collect();
     let known: BTreeSet<&str> =
-        helps.iter().flat_map(|help| options(help)).chain(["--release", "--test"]).collect();
-    for page in ["troubleshooting.md", "guide.md", "programs.md", "formats.md", "pendant.md"] {
+        helps.iter().flat_map(|help| options(help)).chain(["--release", "--test", "--features"]).collect();
+    for page in PAGES {
         let page_text = doc(page);
         let unknown: Vec<&str> =
             options(&page_text).into_iter().filter(|option| !known.contains(option)).collect();
@@ -127,10 +151,12 @@ fn the_documented_exit_codes_are_those_of_the_help_and_of_the_source() {
 
 #[test]
 fn every_file_that_the_pages_link_to_is_there() {
-    for page in ["guide.md", "troubleshooting.md", "programs.md", "formats.md", "pendant.md"] {
+    for page in PAGES {
         let text = doc(page);
-        for link in text.split("](").skip(1).filter_map(|rest| rest.split([')', '#']).next()) {
-            assert!(root().join("docs").join(link).exists(), "{page} links to {link}");
+        let place = root().join("docs").join(page);
+        // A picture's title stands behind its name.
+        for link in text.split("](").skip(1).filter_map(|rest| rest.split([')', '#', ' ']).next()) {
+            assert!(place.with_file_name(link).exists(), "{page} links to {link}");
         }
     }
 }
