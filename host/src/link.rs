@@ -230,7 +230,8 @@ fn read(mut reader: Box<dyn Read + Send>, inputs: &Channel<Input>, stop: &Atomic
     }
 }
 
-fn is_passing(error: &io::Error) -> bool {
+/// Whether a read that failed so may be tried again.
+pub fn is_passing(error: &io::Error) -> bool {
     matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted)
 }
 

@@ -1,9 +1,9 @@
 //! `weldpath monitor`: the pendant's telemetry, by listening only.
 
-use std::io::{ErrorKind, Read};
+use std::io::Read;
 use std::time::{Duration, Instant};
 
-use weldpath::link::{cause_words, fault_words, state_words};
+use weldpath::link::{cause_words, fault_words, is_passing, state_words};
 use weldpath::serial;
 use weldpath_core::wire::frame::{self, Received};
 use weldpath_core::wire::{FromPendant, PendantDeframer, PendantMessage, Telemetry};
@@ -94,14 +94,7 @@ impl Reports {
                 self.read.extend_from_slice(&buffer[..count]);
                 Ok(())
             }
-            Err(e)
-                if matches!(
-                    e.kind(),
-                    ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted
-                ) =>
-            {
-                Ok(())
-            }
+            Err(error) if is_passing(&error) => Ok(()),
             Err(error) => Err(Failure::new(Exit::Pendant, format!("the line failed: {error}"))),
         }
     }

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::ProgressBar;
 use weldpath::export::json;
 use weldpath::link::program::{self, Upload};
 use weldpath::link::{Event, Link, cause_words, fault_words, refusal_words, state_words};
@@ -12,7 +12,7 @@ use weldpath_core::wire::{Answer, Command, Field, Refusal, Telemetry};
 
 use super::keys::{CTRL_C, Keys};
 use super::port::{Port, lost};
-use super::{Exit, Failure, print};
+use super::{Exit, Failure, print, progress};
 
 /// Load a planned program into the pendant and weld it
 ///
@@ -87,11 +87,8 @@ struct Weld<'a> {
 impl<'a> Weld<'a> {
     fn new(args: &'a Args, link: &'a Link, upload: &'a Upload) -> Self {
         let keys = Keys::new();
-        let shown = keys.is_terminal() && !args.quiet;
-        let bar = if shown { ProgressBar::new(upload.waypoints.len() as u64) } else { ProgressBar::hidden() };
-        let style =
-            ProgressStyle::with_template("{bar:32} {pos}/{len} waypoints {elapsed:>4}, {eta} left {msg}");
-        bar.set_style(style.unwrap_or(ProgressStyle::default_bar()));
+        let template = "{bar:32} {pos}/{len} waypoints {elapsed:>4}, {eta} left {msg}";
+        let bar = progress::bar(args.quiet || !keys.is_terminal(), upload.waypoints.len() as u64, template);
         Self { args, link, upload, keys, bar, state: None, said: None }
     }
 

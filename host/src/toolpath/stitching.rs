@@ -27,7 +27,7 @@ pub fn stitch(path: &SeamPath, length_mm: f64, stitches: Stitches) -> SeamPath {
 }
 
 /// Lengths nearer than this are one, mm.
-const SAME_MM: f64 = 1e-9;
+const SAME_MM: f64 = 1e-6;
 
 /// From where to where each stitch goes, mm, in the order of the path; they never touch.
 fn stretches(from_mm: f64, to_mm: f64, closed: bool, length_mm: f64, stitches: Stitches) -> Vec<[f64; 2]> {
@@ -56,7 +56,7 @@ fn stretches(from_mm: f64, to_mm: f64, closed: bool, length_mm: f64, stitches: S
 fn with_points_at(points: &[PathPoint], lengths_mm: impl Iterator<Item = f64>) -> Vec<PathPoint> {
     let mut all = points.to_vec();
     for s_mm in lengths_mm {
-        let there = all.iter().any(|point| (point.s_mm - s_mm).abs() < 1e-6);
+        let there = all.iter().any(|point| (point.s_mm - s_mm).abs() < SAME_MM);
         let next = all.partition_point(|point| point.s_mm <= s_mm);
         if let (false, true, Some(pose)) = (there, next > 0 && next < all.len(), at(&all, s_mm)) {
             all.insert(next, PathPoint { process: Process { dwell_s: None, ..pose.process }, ..pose });
