@@ -72,13 +72,6 @@ pub struct End {
     stretches: Stretches,
 }
 
-impl End {
-    /// Length of the way to the safe level, mm.
-    pub fn out_mm(&self) -> f64 {
-        polyline_mm(&[self.pose.tip_mm], &self.way_out.via_mm)
-    }
-}
-
 /// A way from a retract point to the safe level.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WayOut {

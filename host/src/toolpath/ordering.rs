@@ -1,7 +1,7 @@
 //! Which seam comes next, and which way it is welded (ours).
 //!
 //! The air way between two seams is the one that the torch really takes ([`super::air`]); each is sought once. The sum
-//! of all of them is made small, with the first way down from the safe level and the last way up to it. For few seams
+//! of all of them is made small; where the robot comes from and goes to is not known. For few seams
 //! it is the least there is (Held and Karp 1962). For more it is
 //! what local search finds: from the order found, and from the nearest neighbour of every seam, by turning stretches
 //! round (2-opt), moving up to three seams elsewhere (Or-opt) and turning single seams round, until nothing helps.
@@ -71,8 +71,6 @@ impl Gates {
 #[derive(Debug, Clone, PartialEq)]
 pub struct AirWays {
     ways: Vec<Way>,
-    /// From the safe level to the approach of a turn, and from its retract to there.
-    outer_mm: Vec<[f64; 2]>,
     /// From the retract of one turn, by rows, to the approach of another.
     between_mm: Vec<f64>,
 }
@@ -98,8 +96,7 @@ impl AirWays {
             turns.iter().map(way_mm).collect()
         };
         let between_mm = turns.par_iter().flat_map_iter(row).collect();
-        let outer_mm = turns.iter().map(|turn| [0, 1].map(|k| ends(turn)[k].out_mm())).collect();
-        Self { ways, outer_mm, between_mm }
+        Self { ways, between_mm }
     }
 
     fn len(&self) -> usize {
@@ -110,11 +107,9 @@ impl AirWays {
         self.between_mm[place(from) * 2 * self.len() + place(to)]
     }
 
-    /// Of an order, from the safe level and back to it.
+    /// Sum of the ways of an order.
     pub fn air_mm(&self, order: &[Turn]) -> f64 {
-        let down_mm = order.first().map_or(0.0, |turn| self.outer_mm[place(turn)][0]);
-        let up_mm = order.last().map_or(0.0, |turn| self.outer_mm[place(turn)][1]);
-        down_mm + order.windows(2).map(|w| self.between_mm(&w[0], &w[1])).sum::<f64>() + up_mm
+        order.windows(2).map(|w| self.between_mm(&w[0], &w[1])).sum()
     }
 }
 
@@ -292,14 +287,13 @@ mod tests {
         }
     }
 
-    /// Straight ways between seams from a place to another, which begin and end so high over the ground.
-    fn straight(seams: &[([Point3<f64>; 2], Way)], high_mm: f64) -> AirWays {
+    /// Straight ways between seams from a place to another.
+    fn straight(seams: &[([Point3<f64>; 2], Way)]) -> AirWays {
         let place = |turn: &Turn, end: usize| seams[turn.index].0[end ^ usize::from(turn.reverse)];
         let turns: Vec<Turn> = every_turn(seams.len()).collect();
         let between = |from| turns.iter().map(move |to| (place(to, 0) - place(from, 1)).norm());
         AirWays {
             ways: seams.iter().map(|(_, way)| *way).collect(),
-            outer_mm: vec![[high_mm; 2]; turns.len()],
             between_mm: turns.iter().flat_map(between).collect(),
         }
     }
@@ -311,7 +305,7 @@ mod tests {
             let ends = [place(), place()];
             (ends, ways[(random.unit() * 3.999) as usize])
         };
-        straight(&(0..count).map(&mut seam).collect::<Vec<_>>(), 0.0)
+        straight(&(0..count).map(&mut seam).collect::<Vec<_>>())
     }
 
     /// Length of the shortest of all orders, by trying every one.
@@ -381,9 +375,9 @@ mod tests {
             let y_mm = 40.0 * k as f64;
             ([Point3::new(0.0, y_mm, 0.0), Point3::new(300.0, y_mm, 0.0)], Way::Free)
         };
-        let air = straight(&[2, 0, 3, 1].map(seam), 70.0);
+        let air = straight(&[2, 0, 3, 1].map(seam));
         let order = shortest(&air);
-        assert!((air.air_mm(&order) - 120.0 - 2.0 * 70.0).abs() < 1e-9, "{order:?}");
+        assert!((air.air_mm(&order) - 120.0).abs() < 1e-9, "{order:?}");
         assert!(order.windows(2).all(|w| w[0].reverse != w[1].reverse));
     }
 
