@@ -138,12 +138,14 @@ pub struct Selection {
     pub roi_mm: Option<quantity::Region>,
 }
 
-/// `[order]`: which seam comes next, and which way is up.
+/// `[order]`: which seam comes next, how the torch goes there, and which way is up.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct OrderSettings {
     /// Which seam comes next.
     pub sequence: Sequence,
+    /// How the torch goes from seam to seam.
+    pub air: AirMoves,
     /// Against gravity, base frame; any length. For vertical-up, vertical-down and the names of welding positions.
     pub up: quantity::Up,
 }
@@ -157,6 +159,17 @@ pub enum Sequence {
     Shortest,
     /// By id; none is turned round unless its `direction` says so.
     Found,
+}
+
+/// How the torch goes from seam to seam.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum AirMoves {
+    /// The shortest way found that keeps the torch clear of everything scanned.
+    #[default]
+    Shortest,
+    /// Up above everything scanned, across, and down again.
+    SafeLevel,
 }
 
 /// `[arc]`.
@@ -255,7 +268,6 @@ impl Job {
         if self.robot.is_none() && self.torch_body.is_none() {
             return None;
         }
-        let body = self.torch_body.unwrap_or_default();
         let robot = self.robot.as_ref().and_then(|robot| {
             let flange_from_tcp = match &self.tool {
                 Some(tool) => robot::pose(tool.flange_from_tcp_mm, tool.flange_from_tcp_rotation_rad),
@@ -264,7 +276,13 @@ impl Job {
             let base_from_robot = robot.base_from_robot();
             Some(feasibility::Robot { arm: robot.arm()?, base_from_robot, flange_from_tcp })
         });
-        Some(feasibility::Setup { robot, torch: body.torch(), clearance_mm: body.keep_off_mm })
+        let clearance_mm = self.torch_body.unwrap_or_default().keep_off_mm;
+        Some(feasibility::Setup { robot, torch: self.torch_body(), clearance_mm })
+    }
+
+    /// Sizes of the torch; a straight one of usual size if nothing is said.
+    pub fn torch_body(&self) -> feasibility::torch::Torch {
+        self.torch_body.unwrap_or_default().torch()
     }
 
     /// What a robot controller needs beside the path.

@@ -8,13 +8,14 @@ use crate::export::{csv, feasibility as feasibility_csv, json, moves, ply, robot
 use crate::feasibility::suggestion::Change;
 use crate::feasibility::{self, Report};
 use crate::job::layer::{Direction, Weld};
-use crate::job::{ASSUMED_TCP_MM, Job, Method, Sequence};
+use crate::job::{ASSUMED_TCP_MM, AirMoves, Job, Method, Sequence};
 use crate::pipeline::Plan;
 use crate::selection::{self, select};
 use crate::toolpath::SeamPath;
-use crate::toolpath::air::Surroundings;
+use crate::toolpath::air::terrain::{Ball, Terrain};
+use crate::toolpath::air::{End, Surroundings};
 use crate::toolpath::ends::reverse;
-use crate::toolpath::ordering::{self, Gates, Turn, Way, uphill};
+use crate::toolpath::ordering::{self, AirWays, Gates, Turn, Way, uphill};
 use crate::toolpath::program::{Pass, Program, Waypoint, program};
 use crate::toolpath::recipe::{Recipe, apply};
 
@@ -47,12 +48,13 @@ pub fn postprocess(plan: &Plan, job: &Job, source: Source) -> Result<Output, Err
     let seams = ordered(select(&plan.paths, &job.selection)?, plan, job)?;
     let passes: Vec<Pass> =
         seams.iter().flat_map(|(path, weld)| passes(path, weld, job.method, &[])).collect();
-    let program = program(&passes, &plan.model);
+    let terrain = terrain(&passes, plan, job);
+    let program = program(&passes, &terrain);
     let mut warnings = plan.warnings.clone();
     warnings.extend(passes.iter().filter_map(shortened_away));
     warnings.extend(program.warnings.iter().cloned());
     warnings.extend(tool_warning(job));
-    let feasibility = feasibility(plan, job, &seams);
+    let feasibility = feasibility(plan, job, &seams, &terrain);
     warnings.extend(feasibility.iter().flat_map(Report::warnings));
     let paths: Vec<SeamPath> = passes.into_iter().map(|pass| pass.path).collect();
     let lines: Vec<SeamPath> = seams.into_iter().map(|(path, _)| path).collect();
@@ -85,23 +87,53 @@ fn ordered(paths: Vec<SeamPath>, plan: &Plan, job: &Job) -> Result<Vec<(SeamPath
         let weld = weld(&path, plan, job)?;
         seams.push((path, weld));
     }
-    let clearance_mm = seams.iter().map(|(_, weld)| weld.motion().clearance_mm).fold(0.0, f64::max);
-    let around = Surroundings::new(&plan.model, seams.iter().map(|(path, _)| path), clearance_mm);
-    let gates =
-        |(path, weld): &(SeamPath, Weld)| Gates::new(path, way(path, weld, job), &around, &weld.motion());
-    let gates: Vec<Gates> = seams.iter().filter_map(gates).collect();
-    if gates.len() < seams.len() {
-        return Ok(seams);
-    }
+    let ways: Vec<Way> = seams.iter().map(|(path, weld)| way(path, weld, job)).collect();
     let order = match job.order.sequence {
-        Sequence::Shortest => ordering::shortest(&gates),
-        Sequence::Found => ordering::found(&gates),
+        Sequence::Shortest => shortest(&seams, &ways, plan, job),
+        Sequence::Found => ordering::found(&ways),
     };
     let turned = |Turn { index, reverse: turn }| {
         let (path, weld) = &seams[index];
         (if turn { reverse(path) } else { path.clone() }, weld.clone())
     };
     Ok(order.into_iter().map(turned).collect())
+}
+
+/// The order with the least air way; that in which they were found if one of them is not welded at all.
+fn shortest(seams: &[(SeamPath, Weld)], ways: &[Way], plan: &Plan, job: &Job) -> Vec<Turn> {
+    let both = |(path, weld): &(SeamPath, Weld)| {
+        [path.clone(), reverse(path)].map(|path| passes(&path, weld, job.method, &[]))
+    };
+    let runs: Vec<[Vec<Pass>; 2]> = seams.iter().map(both).collect();
+    let all: Vec<Pass> = runs.iter().flatten().flatten().cloned().collect();
+    let terrain = terrain(&all, plan, job);
+    let around = Surroundings::new(&terrain, &all);
+    let gates = |(runs, way): (&[Vec<Pass>; 2], &Way)| {
+        let [forward, reverse] = [gate(&runs[0], &around)?, gate(&runs[1], &around)?];
+        Some(Gates { forward, reverse, way: *way })
+    };
+    match runs.iter().zip(ways).map(gates).collect::<Option<Vec<Gates>>>() {
+        Some(gates) => ordering::shortest(&AirWays::new(&gates, &around)),
+        None => ordering::found(ways),
+    }
+}
+
+/// The approach of the first pass and the retract of the last.
+fn gate(passes: &[Pass], around: &Surroundings) -> Option<[End; 2]> {
+    let mut run = passes.iter().filter_map(|pass| Some((pass.ends()?, &pass.motion)));
+    let ([first, end], motion) = run.next()?;
+    let ([_, last], last_motion) = run.next_back().unwrap_or(([first, end], motion));
+    Some([around.end(first, motion.approach_mm), around.end(last, last_motion.retract_mm)])
+}
+
+/// What the air moves stay clear of: the greatest clearance of all passes holds for all.
+fn terrain<'a>(passes: &[Pass], plan: &'a Plan, job: &Job) -> Terrain<'a> {
+    let clearance_mm = passes.iter().map(|pass| pass.motion.clearance_mm).fold(0.0, f64::max);
+    let torch: Option<Vec<Ball>> = match job.order.air {
+        AirMoves::Shortest => Some(job.torch_body().balls()),
+        AirMoves::SafeLevel => None,
+    };
+    Terrain::new(&plan.model, passes.iter().map(|pass| &pass.path), clearance_mm, torch.as_deref())
 }
 
 /// The job's settings with those of the seam on top; of several that name it the later ones lie above.
@@ -160,10 +192,10 @@ fn shortened_away(pass: &Pass) -> Option<String> {
 }
 
 /// Reach, joints and torch, if the job says with what.
-fn feasibility(plan: &Plan, job: &Job, seams: &[(SeamPath, Weld)]) -> Option<Report> {
+fn feasibility(plan: &Plan, job: &Job, seams: &[(SeamPath, Weld)], terrain: &Terrain) -> Option<Report> {
     let rewelded = |changes: &[(usize, Change)]| {
         let run = |(path, weld): &(SeamPath, Weld)| passes(path, weld, job.method, changes);
-        program(&seams.iter().flat_map(run).collect::<Vec<_>>(), &plan.model).waypoints
+        program(&seams.iter().flat_map(run).collect::<Vec<_>>(), terrain).waypoints
     };
     Some(feasibility::assess(&rewelded, &plan.model, &job.feasibility()?))
 }

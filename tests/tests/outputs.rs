@@ -83,8 +83,8 @@ fn path_json_read_back_is_the_program() {
 }
 
 #[test]
-fn air_moves_stay_above_the_pipe() {
-    let output = output("[path]\nclearance_mm = 25");
+fn air_moves_over_the_safe_level_stay_above_the_pipe() {
+    let output = output("[order]\nair = \"safe-level\"\n[path]\nclearance_mm = 25");
     let air: Vec<f64> = output
         .program
         .waypoints
@@ -198,11 +198,14 @@ fn a_seam_has_its_own_settings_and_the_others_the_jobs() {
 fn the_shortest_order_has_no_longer_air_way_than_the_order_found() {
     let air_mm = |job: &str| -> f64 {
         let waypoints = output(job).program.waypoints;
-        let air = waypoints.windows(2).filter(|w| w[1].seam.is_none() && w[0].seam.is_none());
+        let air = waypoints.windows(2).filter(|w| w[0].seam != w[1].seam || w[0].seam.is_none());
         air.map(|w| (w[1].position_mm - w[0].position_mm).norm()).sum()
     };
-    let (shortest, found) = (air_mm(""), air_mm("[order]\nsequence = \"found\""));
-    assert!(shortest <= found + 1e-9 && found > 0.0, "{shortest} mm, {found} mm");
+    for air in ["shortest", "safe-level"] {
+        let order = format!("[order]\nair = \"{air}\"\n");
+        let (shortest, found) = (air_mm(&order), air_mm(&format!("{order}sequence = \"found\"")));
+        assert!(shortest <= found + 1e-9 && found > 0.0, "{shortest} mm, {found} mm");
+    }
 }
 
 #[test]

@@ -3,9 +3,12 @@
 use std::io;
 use std::time::{Duration, Instant};
 
+use nalgebra::{Point3, UnitQuaternion};
+use weldpath::link::program::upload;
 use weldpath::teleop::Twin;
+use weldpath::toolpath::program::{self, Kind};
 use weldpath_core::interlock::{Cause, State};
-use weldpath_core::pendant::set_point;
+use weldpath_core::pendant::{Config, set_point};
 use weldpath_core::sender::Notice;
 use weldpath_core::wire::{
     self, Answer, Begin, Command, FromHost, Hand, HandFrame, Hello, HelloRefusal, HostMessage, Jog, Offset,
@@ -67,8 +70,12 @@ fn begin(path: u16, waypoints: &[Waypoint]) -> Begin {
 
 /// Loads the path, grips the enabling switch, arms and starts.
 fn start(client: &mut Client, panel: &Panel, path: &[Waypoint]) -> io::Result<()> {
+    start_announced(client, panel, begin(7, path), path)
+}
+
+fn start_announced(client: &mut Client, panel: &Panel, begin: Begin, path: &[Waypoint]) -> io::Result<()> {
     acknowledge(client, panel, RELEASED)?;
-    client.load(begin(7, path), path)?;
+    client.load(begin, path)?;
     panel.set(GRIPPED)?;
     client.wait_for_state(|state| state.pins & 0b110 == 0b110)?;
     assert_eq!(client.ask(Command::Subscribe { every: 5 })?, Answer::Done);
@@ -118,6 +125,51 @@ fn a_path_under_noise_is_loaded_started_held_resumed_and_finished_as_planned() {
     panel.send(b'?').unwrap();
     let stack = panel.wait_for(|seen| matches!(seen, Seen::Stack(_))).unwrap();
     assert!(matches!(stack, Seen::Stack(1..=4096)), "{stack:?}");
+}
+
+/// A zigzag weave that stands for 0.3 s on its sides.
+fn weave() -> Vec<program::Waypoint> {
+    let at = |k: u32| program::Waypoint {
+        position_mm: Point3::new(400.0 + 2.0 * f64::from(k), if k % 2 == 0 { -3.0 } else { 3.0 }, 100.0),
+        base_from_torch: UnitQuaternion::identity(),
+        feed_mm_s: 20.0,
+        weld: (1..11).contains(&k),
+        seam: Some(1),
+        kind: Kind::Weld,
+        dwell_s: (2..10).contains(&k).then_some(0.3),
+    };
+    (0..12).map(at).collect()
+}
+
+#[test]
+fn a_weave_with_dwell_stands_on_the_planned_integers_for_as_long_as_it_says() {
+    let Some((_machine, panel, mut client)) = connected(Wire::Pty, 0.0) else { return };
+    let limits = Config::default().limits(512);
+    let upload = upload(&weave(), &limits).unwrap();
+    let path = &upload.waypoints;
+    start_announced(&mut client, &panel, upload.begin(7, &limits), path).unwrap();
+    loop {
+        let state =
+            client.wait_for_state(|state| state.finished == Some(7) || state.state == State::Held).unwrap();
+        if state.finished == Some(7) {
+            break;
+        }
+        // On a busy machine this host may itself be silent for too long.
+        assert_eq!(state.cause, Some(Cause::Silence));
+        resume(&mut client, &state, 0);
+    }
+    assert_on_path(&client.samples, path);
+    let slow: Vec<u32> = (0..path.len() as u32).filter(|k| path[*k as usize].feed_um_s < 1_000).collect();
+    assert_eq!(slow.len(), 8);
+    let mut stood = 0;
+    for segment in slow {
+        let on_it = || client.samples.iter().filter(|sample| sample.segment == segment);
+        let ticks = on_it().map(|sample| sample.tick);
+        let span = ticks.clone().max().zip(ticks.min()).map_or(0, |(last, first)| last.wrapping_sub(first));
+        // Samples may be lost, and a hold takes its time.
+        stood += u32::from(span >= 120 && on_it().any(|sample| sample.arc));
+    }
+    assert!(stood >= 4, "it was seen to stand at {stood} of 8 places");
 }
 
 fn resume(client: &mut Client, held: &Telemetry, back_um: u32) {

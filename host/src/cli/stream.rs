@@ -113,7 +113,10 @@ impl<'a> Weld<'a> {
         }
         let (total, took_s) = (begin.total, began.elapsed().as_secs_f64());
         let how = if begin.streamed { "streaming" } else { "loaded" };
-        self.say(&format!("{how} {total} waypoints, {took_s:.2} s"))
+        let weld_s = self.upload.time_s();
+        self.say(&format!(
+            "{how} {total} waypoints, {took_s:.2} s; they take {weld_s:.1} s, without the arc's times"
+        ))
     }
 
     /// The next event, with what every stage has to do about it done.

@@ -1,6 +1,7 @@
 //! Whole programs: what a person who knows the arm would say of them.
 
 use super::*;
+use crate::toolpath::air::terrain::Terrain;
 use crate::toolpath::ends::reverse;
 use crate::toolpath::program::{Motion, Pass, Waypoint, program};
 use crate::toolpath::recipe::{Recipe, apply};
@@ -53,7 +54,7 @@ fn table() -> PointCloud {
 /// The program of one pass along each path.
 fn welded(paths: &[SeamPath], model: &PointCloud) -> Vec<Waypoint> {
     let passes: Vec<Pass> = paths.iter().map(|path| Pass { path: path.clone(), motion: MOTION }).collect();
-    program(&passes, model).waypoints
+    program(&passes, &Terrain::new(model, paths, MOTION.clearance_mm, None)).waypoints
 }
 
 fn assessed(paths: &[SeamPath], model: &PointCloud, setup: &Setup) -> Report {

@@ -7,6 +7,7 @@ use nalgebra::{Point3, UnitQuaternion, Vector3};
 
 use crate::cloud::PointCloud;
 use crate::grid::Grid;
+use crate::toolpath::air::terrain::Ball;
 
 /// Sizes of a torch, mm. Its axis is the torch axis `n`; the body behind the neck may be bent away from the travel.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -59,6 +60,12 @@ struct Section {
 }
 
 impl Torch {
+    /// Balls that cover the torch, from the nozzle on, for the planning of air moves.
+    pub fn balls(&self) -> Vec<Ball> {
+        let sections = self.sections(&Point3::origin(), &UnitQuaternion::identity());
+        sections.iter().filter(|section| section.length_mm > 0.0).flat_map(Section::balls).collect()
+    }
+
     fn sections(&self, tip_mm: &Point3<f64>, base_from_torch: &UnitQuaternion<f64>) -> [Section; 3] {
         let n = base_from_torch * Vector3::z();
         let (sin, cos) = self.neck_deg.to_radians().sin_cos();
@@ -77,6 +84,19 @@ impl Torch {
 }
 
 impl Section {
+    fn balls(&self) -> impl Iterator<Item = Ball> + '_ {
+        let [near, far] = self.radii_mm;
+        let pieces = (self.length_mm / near.max(far).max(1.0)).ceil().max(1.0);
+        let half_mm = 0.5 * self.length_mm / pieces;
+        (0..pieces as usize).map(move |k| {
+            let radius = |edge: usize| near + (far - near) * edge as f64 / pieces;
+            Ball {
+                centre_mm: self.start_mm.coords + self.along * (half_mm * (2 * k + 1) as f64),
+                radius_mm: radius(k).max(radius(k + 1)).hypot(half_mm),
+            }
+        })
+    }
+
     /// Distance of a point from the solid, mm; inside, minus the distance to its side.
     fn distance_mm(&self, point: &Point3<f64>) -> f64 {
         let offset = point - self.start_mm;

@@ -152,7 +152,7 @@ layer! {
         air_feed_mm_s: AirFeedMmS,
         /// How far the torch is lifted between stitches.
         lift_mm: LiftMm,
-        /// Height of air moves over the model; the greatest of all seams holds for all.
+        /// Between the torch and the model on air moves; the greatest of all seams holds for all.
         clearance_mm: ClearanceMm,
     } or {
         /// Spacing of the waypoints; not together with `points`.

@@ -1,4 +1,10 @@
 //! A planned program as a pendant takes it: integers, feed and arc where a move begins, steps within its limits.
+//!
+//! A pendant knows no standing. Where a program stands, the torch goes some 0.12 mm of its own path so slowly that it takes
+//! the time: the first of the way on or, where the arc is put out, the last of the way there. The path stays what it was,
+//! and hold, resume and stop are those of any move. An exact stop takes [`STOP_S`].
+
+use std::collections::BTreeMap;
 
 use nalgebra::{Point3, UnitQuaternion};
 use weldpath_core::path::TorchPose;
@@ -11,6 +17,11 @@ use crate::toolpath::program::{self, Segment};
 const TURN_UM_PER_RAD: f64 = 10_000.0;
 /// Moves are divided to this share of the largest step and turn, so that rounding cannot make one too large.
 const MARGIN: f64 = 0.95;
+
+/// The least way on which the torch is said to stand, in shortest steps of the pendant.
+const STAND_STEPS: f64 = 2.4;
+/// How long an exact stop takes, s.
+const STOP_S: f64 = 0.05;
 
 /// A program ready to be sent.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -37,10 +48,9 @@ pub enum Error {
         /// The pendant's reach.
         reach_mm: u32,
     },
-    /// The torch has to stand there, which the pendant cannot.
+    /// The torch has to stand where the program does not move on.
     #[error(
-        "waypoint {index} (counted from 0) has the torch stand still, and a pendant passes every waypoint; plan without \
-         weave dwell, corner stop and start or end dwell, or run path.script"
+        "waypoint {index} (counted from 0) has the torch stand still, but the program makes no move after it"
     )]
     Dwell {
         /// Its place in the program.
@@ -61,19 +71,65 @@ pub enum Error {
 /// Brings a program into the pendant's form. Long moves are divided evenly, on the same line and the same arc;
 /// waypoints nearer to the one before than the pendant's shortest step are left out.
 pub fn upload(program: &[program::Waypoint], limits: &Limits) -> Result<Upload, Error> {
-    if let Some(index) = program.iter().position(|waypoint| waypoint.dwell_s.is_some()) {
-        return Err(Error::Dwell { index });
-    }
     let mut upload = Upload { waypoints: Vec::new(), origin: Vec::new() };
-    for (index, segment) in program::segments(program).enumerate() {
-        let feed_um_s = feed(&segment, (index + 1).min(program.len() - 1), limits)?;
-        for pose in moves(&program[index], program.get(index + 1), limits) {
-            let pose = within_reach(&pose, index, limits)?;
+    let mut stands = Stands::default();
+    let segments: Vec<Segment> = program::segments(program).collect();
+    for (index, segment) in segments.iter().enumerate() {
+        let feed_um_s = feed(segment, (index + 1).min(program.len() - 1), limits)?;
+        let to = program.get(index + 1).unwrap_or(&program[index]);
+        let (first, last) = stands_on(program, &segments, index);
+        for (share, stand_s) in shares(&program[index], to, [first, last], limits) {
+            let pose = within_reach(&between(&program[index], to, share), index, limits)?;
             upload.push(Waypoint { pose, feed_um_s, weld: segment.weld }, index, limits);
+            stands.add(upload.waypoints.len() - 1, stand_s);
         }
     }
     // The last waypoint begins no move; as near as it may be to the one before, nothing is left out but it.
-    if upload.waypoints.len() < 2 { Err(Error::Short) } else { Ok(upload) }
+    if upload.waypoints.len() < 2 {
+        return Err(Error::Short);
+    }
+    stands.slow_down(&mut upload, limits)?;
+    Ok(upload)
+}
+
+/// How long the torch stands at the beginning of a move and at its end, s: where an arc is put out, before that; else
+/// after it was reached.
+fn stands_on(program: &[program::Waypoint], segments: &[Segment], index: usize) -> (f64, f64) {
+    let stand_s = |at: usize| program.get(at).and_then(|waypoint| waypoint.dwell_s).map(|s| s.max(STOP_S));
+    let puts_out = |at: usize| at > 0 && segments[at - 1].weld && !segments[at].weld;
+    let first = stand_s(index).filter(|_| !puts_out(index)).unwrap_or(0.0);
+    let last = stand_s(index + 1).filter(|_| puts_out(index + 1)).unwrap_or(0.0);
+    (first, last)
+}
+
+/// The move on which the torch stands, by its waypoint in the upload, and how long, s.
+#[derive(Default)]
+struct Stands(BTreeMap<usize, f64>);
+
+impl Stands {
+    fn add(&mut self, at: usize, stand_s: f64) {
+        if stand_s > 0.0 {
+            *self.0.entry(at).or_default() += stand_s;
+        }
+    }
+
+    /// The moves take their time, as the pendant measures them.
+    fn slow_down(self, upload: &mut Upload, limits: &Limits) -> Result<(), Error> {
+        for (at, stand_s) in self.0 {
+            let Some(next) = upload.waypoints.get(at + 1) else {
+                return Err(Error::Dwell { index: upload.origin[at] });
+            };
+            let way_um = measure_um(&upload.waypoints[at].pose, &next.pose);
+            let feed_um_s = (way_um / stand_s).round().clamp(1.0, f64::from(limits.max_feed_um_s));
+            upload.waypoints[at].feed_um_s = upload.waypoints[at].feed_um_s.min(feed_um_s as u32);
+        }
+        Ok(())
+    }
+}
+
+/// Way or turn of a step, whichever counts for more, µm.
+fn measure_um(a: &WirePose, b: &WirePose) -> f64 {
+    f64::from(a.distance_um(b)).max(turn_rad(a, b) * TURN_UM_PER_RAD)
 }
 
 impl Upload {
@@ -91,6 +147,13 @@ impl Upload {
                 self.origin.push(index);
             }
         }
+    }
+
+    /// How long the torch moves and stands if nothing holds it, s; without the times of the arc.
+    pub fn time_s(&self) -> f64 {
+        let times =
+            self.waypoints.windows(2).map(|w| measure_um(&w[0].pose, &w[1].pose) / f64::from(w[0].feed_um_s));
+        times.sum()
     }
 
     /// How the path is announced. A path longer than the pendant's ring is streamed.
@@ -115,9 +178,12 @@ fn half_turn_cos_q15(a: &WirePose, b: &WirePose) -> i16 {
     (a.dot_q30(b).abs() / i64::from(Q15_ONE)).min(i64::from(Q15_ONE)) as i16
 }
 
+fn turn_rad(a: &WirePose, b: &WirePose) -> f64 {
+    2.0 * (f64::from(half_turn_cos_q15(a, b)) / f64::from(Q15_ONE)).acos()
+}
+
 fn is_too_short(a: &WirePose, b: &WirePose, limits: &Limits) -> bool {
-    let turn_rad = 2.0 * (f64::from(half_turn_cos_q15(a, b)) / f64::from(Q15_ONE)).acos();
-    let way_um = f64::from(a.distance_um(b)) + turn_rad * TURN_UM_PER_RAD;
+    let way_um = f64::from(a.distance_um(b)) + turn_rad(a, b) * TURN_UM_PER_RAD;
     // What is just long enough by this reckoning may be a little too short by the pendant's.
     f64::from(a.distance_um(b)) < 2.0 * f64::from(limits.min_step_um)
         && way_um < 4.0 * f64::from(limits.min_step_um)
@@ -129,26 +195,47 @@ fn feed(segment: &Segment, index: usize, limits: &Limits) -> Result<u32, Error> 
     possible.then_some(feed_um_s as u32).ok_or(Error::Feed { index, feed_mm_s: limits.max_feed_um_s / 1000 })
 }
 
-/// The pose of a waypoint, and those that divide the move from it to the next.
-fn moves(
+/// Where the pieces of a move begin, as shares of it, and how long the torch stands on each, s.
+fn shares(
     here: &program::Waypoint,
-    next: Option<&program::Waypoint>,
+    to: &program::Waypoint,
+    stands_s: [f64; 2],
     limits: &Limits,
-) -> impl Iterator<Item = (Point3<f64>, UnitQuaternion<f64>)> {
-    let to = *next.unwrap_or(here);
-    let here = *here;
+) -> Vec<(f64, f64)> {
     let way_um = (to.position_mm - here.position_mm).norm() * 1000.0;
     let turn_rad = here.base_from_torch.angle_to(&to.base_from_torch);
     let most_rad =
         2.0 * (f64::from(limits.min_half_turn_cos_q15) / f64::from(Q15_ONE)).clamp(0.0, 1.0).acos();
     let parts = |all: f64, most: f64| (all / (most * MARGIN).max(1e-6)).ceil().clamp(1.0, 1e6);
-    let count = parts(way_um, f64::from(limits.max_step_um)).max(parts(turn_rad, most_rad));
-    (0..count as u32).map(move |k| {
-        let alpha = f64::from(k) / count;
-        let position_mm = here.position_mm + (to.position_mm - here.position_mm) * alpha;
-        let turned = here.base_from_torch.try_slerp(&to.base_from_torch, alpha, 1e-9);
-        (position_mm, turned.unwrap_or(here.base_from_torch))
-    })
+    let [first_um, last_um] = stands_s.map(|stand_s| stand_um(stand_s, limits));
+    if first_um + last_um > 0.5 * way_um {
+        // Too short to be divided: the torch stands on all of it.
+        return vec![(0.0, stands_s[0] + stands_s[1])];
+    }
+    let [from, end] = [first_um / way_um.max(1.0), 1.0 - last_um / way_um.max(1.0)];
+    let rest = end - from;
+    let count =
+        parts(way_um * rest, f64::from(limits.max_step_um)).max(parts(turn_rad * rest, most_rad)) as u32;
+    let first = (from > 0.0).then_some((0.0, stands_s[0]));
+    let last = (end < 1.0).then_some((end, stands_s[1]));
+    let middle = (0..count).map(|k| (from + rest * f64::from(k) / f64::from(count), 0.0));
+    first.into_iter().chain(middle).chain(last).collect()
+}
+
+/// The way on which the torch stands for so long, µm: a whole feed in whole micrometres takes the time.
+fn stand_um(stand_s: f64, limits: &Limits) -> f64 {
+    let least_um = STAND_STEPS * f64::from(limits.min_step_um);
+    if stand_s > 0.0 { (least_um / stand_s).ceil() * stand_s } else { 0.0 }
+}
+
+fn between(
+    here: &program::Waypoint,
+    to: &program::Waypoint,
+    share: f64,
+) -> (Point3<f64>, UnitQuaternion<f64>) {
+    let position_mm = here.position_mm + (to.position_mm - here.position_mm) * share;
+    let turned = here.base_from_torch.try_slerp(&to.base_from_torch, share, 1e-9);
+    (position_mm, turned.unwrap_or(here.base_from_torch))
 }
 
 fn within_reach(
@@ -242,5 +329,45 @@ mod tests {
         let mut stands = [at(0.0, 0.0, 100.0, Kind::Air), at(9.0, 0.0, 30.0, Kind::Air)];
         stands[1].dwell_s = Some(0.0);
         assert_eq!(upload(&stands, &limits()), Err(Error::Dwell { index: 1 }));
+    }
+
+    #[test]
+    fn the_torch_stands_on_its_own_path_for_the_time_and_with_the_arc_that_the_program_says() {
+        let mut program = [
+            at(0.0, 0.0, 100.0, Kind::Approach),
+            at(50.0, 0.0, 20.0, Kind::Weld),
+            at(60.0, 0.0, 8.0, Kind::Weld),
+            at(70.0, 0.0, 8.0, Kind::Weld),
+            at(90.0, 0.0, 20.0, Kind::Retract),
+        ];
+        let moving_s = upload(&program, &limits()).unwrap().time_s();
+        (program[1].dwell_s, program[2].dwell_s, program[3].dwell_s) = (Some(0.2), Some(1.0), Some(60.0));
+        let upload = upload(&program, &limits()).unwrap();
+        let slow: Vec<_> = upload.waypoints.windows(2).filter(|w| w[0].feed_um_s < 1_000).collect();
+        let times_s = slow.iter().map(|w| {
+            let way_um = w[1].pose.position_um[0] - w[0].pose.position_um[0];
+            assert!(way_um < 200 && w[0].weld, "{w:?}");
+            f64::from(way_um) / f64::from(w[0].feed_um_s)
+        });
+        for (found_s, said_s) in times_s.zip([0.2, 1.0, 60.0]) {
+            assert!((found_s / said_s - 1.0).abs() < 0.01, "{found_s} s instead of {said_s} s");
+        }
+        let places_um: Vec<i32> = slow.iter().map(|w| w[0].pose.position_um[0]).collect();
+        assert_eq!(places_um, [50_000, 60_000, 70_000 - 120]);
+        assert!((upload.time_s() - moving_s - 61.2).abs() < 0.4, "{} {moving_s}", upload.time_s());
+    }
+
+    #[test]
+    fn an_exact_stop_is_passed_slowly_and_a_short_move_stands_as_a_whole() {
+        let mut program = [
+            at(0.0, 0.0, 100.0, Kind::Weld),
+            at(9.0, 0.0, 30.0, Kind::Weld),
+            at(9.15, 0.0, 30.0, Kind::Weld),
+        ];
+        program[0].dwell_s = Some(0.0);
+        program[1].dwell_s = Some(0.5);
+        let upload = upload(&program, &limits()).unwrap();
+        let said: Vec<_> = upload.waypoints.iter().map(|w| (w.pose.position_um[0], w.feed_um_s)).collect();
+        assert_eq!(said, [(0, 2_400), (120, 30_000), (9_000, 300), (9_150, 30_000)]);
     }
 }

@@ -1,17 +1,17 @@
-//! The complete program of a plan (not in the paper): approach, weld, retract, and safe ways between the seams.
+//! The complete program of a plan (not in the paper): approach, weld, retract, and free ways between the seams.
 
 use nalgebra::{Point3, UnitQuaternion};
 use serde::{Deserialize, Serialize};
 
-use super::air::{Surroundings, WayOut};
+use super::air::terrain::Terrain;
+use super::air::{End, Surroundings};
 use super::{PathPoint, SeamPath};
-use crate::cloud::PointCloud;
 
 /// What a move is for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Kind {
-    /// Between seams, at or on the way to the safe level.
+    /// Between seams.
     Air,
     /// Off the start of a weld, along the torch axis, or on the line before it.
     Approach,
@@ -98,32 +98,71 @@ pub struct Program {
     pub warnings: Vec<String>,
 }
 
-/// Strings `passes` together in their order; a path with fewer than two welded points is left out.
-pub fn program(passes: &[Pass], model: &PointCloud) -> Program {
-    let clearance_mm = passes.iter().map(|pass| pass.motion.clearance_mm).fold(0.0, f64::max);
-    let around = Surroundings::new(model, passes.iter().map(|pass| &pass.path), clearance_mm);
-    let mut program = Program::default();
-    for pass in passes {
-        let points = pass.path.points.as_slice();
-        let welded = || points.iter().filter(|point| point.process.weld);
-        if let ([first, .., last], true) = (points, welded().count() > 1) {
-            let down = way_out(&around, first, pass.motion.approach_mm);
-            let up = way_out(&around, last, pass.motion.retract_mm);
-            let warning = blocked(pass.path.seam);
-            if !(down.free && up.free || program.warnings.contains(&warning)) {
-                program.warnings.push(warning);
-            }
-            let moves = Moves { seam: pass.path.seam, motion: &pass.motion };
-            program.waypoints.extend(down.via_mm.iter().rev().map(|&via| moves.air(via, first)));
-            program.waypoints.extend(moves.along(points));
-            program.waypoints.extend(up.via_mm.iter().map(|&via| moves.air(via, last)));
-        }
+impl Pass {
+    /// Its first and last point; none if fewer than two of them are welded: such a pass is left out.
+    pub fn ends(&self) -> Option<[&PathPoint; 2]> {
+        let [first, .., last] = self.path.points.as_slice() else { return None };
+        let welded = self.path.points.iter().filter(|point| point.process.weld).count();
+        (welded > 1).then_some([first, last])
     }
+}
+
+/// Strings `passes` together in their order; a path with fewer than two welded points is left out.
+pub fn program(passes: &[Pass], terrain: &Terrain) -> Program {
+    let around = Surroundings::new(terrain, passes);
+    let mut program = Program::default();
+    let mut before: Option<(End, Moves)> = None;
+    for pass in passes {
+        let Some([first, last]) = pass.ends() else { continue };
+        let moves = Moves { seam: pass.path.seam, motion: &pass.motion };
+        let approach = around.end(first, pass.motion.approach_mm);
+        program.go_to(&approach, &moves, before.as_ref(), &around);
+        program.waypoints.extend(moves.along(&pass.path.points));
+        before = Some((around.end(last, pass.motion.retract_mm), moves));
+    }
+    if let Some((end, moves)) = before {
+        program.warn(end.way_out.free, &moves);
+        program.waypoints.extend(end.way_out.via_mm.iter().map(|&via| moves.air(via, &end)));
+    }
+    program.turn_in_time();
     program
 }
 
-fn way_out(around: &Surroundings, point: &PathPoint, off_mm: f64) -> WayOut {
-    around.way_out(point.position_mm + point.out_of_work() * off_mm, point.out_of_work(), off_mm)
+impl Program {
+    /// From the safe level or from the pass before to the approach of the next.
+    fn go_to(&mut self, approach: &End, next: &Moves, before: Option<&(End, Moves)>, around: &Surroundings) {
+        let Some((retract, last)) = before else {
+            self.warn(approach.way_out.free, next);
+            let down = approach.way_out.via_mm.iter().rev();
+            return self.waypoints.extend(down.map(|&via| next.air(via, approach)));
+        };
+        let way = around.way(retract, approach);
+        self.warn(way.free || retract.way_out.free, last);
+        self.warn(way.free || approach.way_out.free, next);
+        self.waypoints.extend(way.out_mm.iter().map(|&via| last.air(via, retract)));
+        self.waypoints.extend(way.back_mm.iter().map(|&via| next.air(via, approach)));
+    }
+
+    /// Between the welds the torch turns no faster than [`MOST_TURN_RAD_S`].
+    fn turn_in_time(&mut self) {
+        for k in 1..self.waypoints.len() {
+            let (before, here) = (self.waypoints[k - 1], &mut self.waypoints[k]);
+            let turn_rad = before.base_from_torch.angle_to(&here.base_from_torch);
+            let way_mm = (here.position_mm - before.position_mm).norm();
+            let most_mm_s = (way_mm * MOST_TURN_RAD_S / turn_rad.max(1e-9)).max(LEAST_FEED_MM_S);
+            if !before.weld && !here.weld && most_mm_s < here.feed_mm_s {
+                // To a tenth, as files and controllers have it.
+                here.feed_mm_s = here.feed_mm_s.min((most_mm_s * 10.0).floor() / 10.0);
+            }
+        }
+    }
+
+    fn warn(&mut self, free: bool, moves: &Moves) {
+        let warning = blocked(moves.seam);
+        if !free && !self.warnings.contains(&warning) {
+            self.warnings.push(warning);
+        }
+    }
 }
 
 fn blocked(seam: usize) -> String {
@@ -140,10 +179,14 @@ struct Moves<'a> {
 }
 
 impl Moves<'_> {
-    fn air(&self, position_mm: Point3<f64>, pose: &PathPoint) -> Waypoint {
+    fn air(&self, position_mm: Point3<f64>, end: &End) -> Waypoint {
+        self.free(position_mm, end.pose.base_from_torch)
+    }
+
+    fn free(&self, position_mm: Point3<f64>, base_from_torch: UnitQuaternion<f64>) -> Waypoint {
         Waypoint {
             position_mm,
-            base_from_torch: pose.base_from_torch,
+            base_from_torch,
             feed_mm_s: self.motion.air_feed_mm_s,
             weld: false,
             seam: None,
@@ -201,16 +244,23 @@ impl Moves<'_> {
 
     fn lifted(&self, point: &PathPoint, by_mm: f64, kind: Kind, feed_mm_s: f64) -> Waypoint {
         let position_mm = point.position_mm + point.out_of_work() * by_mm;
-        Waypoint { feed_mm_s, seam: Some(self.seam), kind, ..self.air(position_mm, point) }
+        Waypoint { feed_mm_s, seam: Some(self.seam), kind, ..self.free(position_mm, point.base_from_torch) }
     }
 }
 
 /// Fastest welding move, mm/s: manual mode of ISO 10218-1.
 const MOST_FEED_MM_S: f64 = 250.0;
 
+/// Fastest turn of the torch between seams, rad/s: a third of what the wrists of common arms can do.
+const MOST_TURN_RAD_S: f64 = 1.0;
+
+/// No move is slowed down to less than this, mm/s.
+const LEAST_FEED_MM_S: f64 = 1.0;
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cloud::PointCloud;
     use crate::toolpath::Process;
     use crate::toolpath::ends::{directions, lead};
     use nalgebra::Vector3;
@@ -227,7 +277,9 @@ mod tests {
 
     fn of(paths: &[SeamPath]) -> Program {
         let pass = |path: &SeamPath| Pass { path: path.clone(), motion: MOTION };
-        program(&paths.iter().map(pass).collect::<Vec<_>>(), &model())
+        let model = model();
+        let terrain = Terrain::new(&model, paths, MOTION.clearance_mm, None);
+        program(&paths.iter().map(pass).collect::<Vec<_>>(), &terrain)
     }
 
     fn line(seam: usize, y_mm: f64, tilt_rad: f64) -> SeamPath {
@@ -296,8 +348,10 @@ mod tests {
         assert!(of(&[]).waypoints.is_empty());
         assert!(of(&[lonely]).waypoints.is_empty());
         let pass = Pass { path: line(1, 0.0, 0.0), motion: MOTION };
+        let nothing = PointCloud::default();
+        let terrain = Terrain::new(&nothing, [&pass.path], MOTION.clearance_mm, Some(&[]));
         assert!(
-            !program(&[pass], &PointCloud::default()).waypoints.is_empty(),
+            !program(std::slice::from_ref(&pass), &terrain).waypoints.is_empty(),
             "a model without points is none"
         );
     }
