@@ -79,7 +79,9 @@ pub fn upload(program: &[program::Waypoint], limits: &Limits) -> Result<Upload, 
         let to = program.get(index + 1).unwrap_or(&program[index]);
         let (first, last) = stands_on(program, &segments, index);
         for (share, stand_s) in shares(&program[index], to, [first, last], limits) {
-            let pose = within_reach(&between(&program[index], to, share), index, limits)?;
+            // The reach is convex: between two waypoints, the one ahead is the one too far.
+            let guilty = if share > 0.0 { index + 1 } else { index };
+            let pose = within_reach(&between(&program[index], to, share), guilty, limits)?;
             upload.push(Waypoint { pose, feed_um_s, weld: segment.weld }, index, limits);
             stands.add(upload.waypoints.len() - 1, stand_s);
         }
@@ -322,7 +324,7 @@ mod tests {
     #[test]
     fn what_the_pendant_cannot_do_is_named() {
         let far = [at(0.0, 0.0, 100.0, Kind::Air), at(3500.0, 0.0, 100.0, Kind::Air)];
-        assert!(matches!(upload(&far, &limits()), Err(Error::Reach { .. })));
+        assert!(matches!(upload(&far, &limits()), Err(Error::Reach { index: 1, .. })));
         let fast = [at(0.0, 0.0, 100.0, Kind::Air), at(9.0, 0.0, 300.0, Kind::Air)];
         assert_eq!(upload(&fast, &limits()), Err(Error::Feed { index: 1, feed_mm_s: 250 }));
         assert_eq!(upload(&[], &limits()), Err(Error::Short));
