@@ -318,6 +318,7 @@ fn request() -> Request {
         format: Format::Png,
         angle_deg: None,
         length_mm: None,
+        root_opening_mm: None,
     }
 }
 

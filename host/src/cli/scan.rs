@@ -88,6 +88,7 @@ fn request(args: &Args) -> Request {
         format: Format::Png,
         angle_deg: None,
         length_mm: None,
+        root_opening_mm: None,
     }
 }
 
