@@ -38,8 +38,8 @@ const CLAMP: f32 = 3.0;
 /// Rise of the sum of squared misses at two standard deviations: 4, times the points that share one error (a camera's
 /// noise is alike in neighbouring pixels).
 const RISE: f64 = 12.0;
-/// Uncertainty from the distance of the points at the edge, voxels.
-const EDGE_VOXELS: f64 = 0.2;
+/// Uncertainty from the distance of the points at the edge, voxels: about half of that distance.
+const EDGE_VOXELS: f64 = 0.3;
 /// Fewer points than this beside the root show nothing, and fewer on a face make no fit.
 const LEAST_POINTS: usize = 60;
 /// Share of the usual points below which a place misses some.
