@@ -342,6 +342,7 @@ mod tests {
             confidence: 1.0,
             expected_error_mm: 0.1,
             expected_error_deg: 0.1,
+            dimensions: vec![],
             warnings: vec![],
         }
     }

@@ -14,6 +14,7 @@ mod system;
 use crate::cloud::View;
 use crate::normals::Patches;
 use nalgebra::{DMatrix, Isometry3, Matrix6, Point3, Vector3};
+pub(crate) use source::spread_over_normals;
 
 /// How views are registered.
 #[derive(Debug, Clone)]

@@ -2,9 +2,11 @@
 
 pub mod chain;
 pub mod corner;
+pub mod dimension;
 pub mod edges;
 pub mod expected;
 pub mod face;
+pub mod fitup;
 pub mod joint;
 pub mod loops;
 pub mod overlap;
@@ -91,6 +93,8 @@ pub struct Seam {
     pub expected_error_mm: f64,
     /// Expected RMSE of the torch orientation, degrees.
     pub expected_error_deg: f64,
+    /// What was measured of the joint.
+    pub dimensions: Vec<dimension::Dimension>,
     /// What the user should know about this seam.
     pub warnings: Vec<String>,
 }
@@ -241,8 +245,24 @@ fn measure(input: &Input, chain: &chain::Chain, model: &Grid, config: &Config) -
     let whole = loops::closed(chain, model, v, config.chain.step_voxels * v)
         .and_then(|chain| refine(&chain))
         .filter(|seam| longest_gap(&seam.measured) as f32 * seam.step_mm <= 2.0 * config.refine.gap * v);
-    whole.or_else(|| refine(chain))
+    let mut refined = whole.or_else(|| refine(chain))?;
+    // What shows through a wide root opening is not of the faces, and would pull them.
+    let mut open = config.refine;
+    for _ in 0..OPEN_ROUNDS {
+        let Some(end_mm) = fitup::groove_end_mm(input, &refined) else { break };
+        if end_mm < (open.acute_root + OPEN_VOXELS) * v {
+            break;
+        }
+        open.acute_root = end_mm / v + OPEN_VOXELS;
+        let Some(better) = refine::refine(input.merged, chain, v, &open) else { break };
+        refined = better;
+    }
+    Some(refined)
 }
+
+/// Strip of a bevel next to its end that is left out where the root is open wide, voxels, and how often its end is sought.
+const OPEN_VOXELS: f32 = 0.4;
+const OPEN_ROUNDS: usize = 3;
 
 /// Seams by the second cue: plates on plates whose sides were not seen.
 fn steps(input: &Input, table: Option<&support::Support>, model: &Grid, config: &Config) -> Vec<Seam> {
@@ -258,11 +278,15 @@ fn steps(input: &Input, table: Option<&support::Support>, model: &Grid, config: 
     };
     let measured = chains.iter().filter_map(|chain| Some((chain, refine(chain)?))).collect();
     let measured = overlap::apart(measured, v, config.chain.shortest_voxels * v);
-    let seams = measured.iter().map(|(chain, refined)| Seam {
-        joint: Joint::Lap,
-        reason: format!("a step of {:.1} mm between parallel faces", refined.reach_mm[1]),
-        warnings: vec!["the side of the upper plate was not seen and is taken as square to it".into()],
-        ..describe(input, chain, refined, model, config.refine.reach * v)
+    let seams = measured.iter().map(|(chain, refined)| {
+        let seam = describe(input, chain, refined, model, config.refine.reach * v);
+        Seam {
+            joint: Joint::Lap,
+            reason: format!("a step of {:.1} mm between parallel faces", refined.reach_mm[1]),
+            dimensions: fitup::of_step(f64::from(refined.reach_mm[1]), seam.expected_error_mm),
+            warnings: vec!["the side of the upper plate was not seen and is taken as square to it".into()],
+            ..seam
+        }
     });
     seams.filter(|seam| is_sure(seam) && seam.expected_error_mm < f64::from(v)).collect()
 }
@@ -321,6 +345,16 @@ fn describe(input: &Input, chain: &chain::Chain, seam: &refine::Refined, grid: &
     let section = joint::section(seam, input.model, grid, input.voxels.edge_mm, most_mm);
     let (joint, reason) = joint::classify(&section, seam.closed);
     let expected = expected::expect(seam, input.merged, input.registration);
+    let evidence = fitup::Evidence {
+        input,
+        grid,
+        seam,
+        joint,
+        short: section.short,
+        reach_mm: section.reach_mm,
+        expected: &expected,
+    };
+    let dimensions = fitup::measure(&evidence);
     let measured = seam.measured.iter().filter(|m| **m).count() as f64 / seam.measured.len() as f64;
     let density = chain.support as f64 / (3.0 * chain.links.len() as f64);
     let stations = seam
@@ -360,6 +394,7 @@ fn describe(input: &Input, chain: &chain::Chain, seam: &refine::Refined, grid: &
         confidence: (measured * density.min(1.0) * f64::from(chain.share / 0.8).min(1.0)).clamp(0.0, 1.0),
         expected_error_mm: expected.position_mm,
         expected_error_deg: expected.orientation_rad.to_degrees(),
+        dimensions,
         warnings,
     }
 }

@@ -117,6 +117,7 @@ fn seam(path: &SeamPath) -> Seam {
         confidence: 0.9,
         expected_error_mm: 0.05,
         expected_error_deg: 0.4,
+        dimensions: vec![],
         warnings: vec![],
     }
 }

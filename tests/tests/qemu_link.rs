@@ -130,7 +130,11 @@ fn a_path_under_noise_is_loaded_started_held_resumed_and_finished_as_planned() {
 /// A zigzag weave that stands for 0.3 s on its sides.
 fn weave() -> Vec<program::Waypoint> {
     let at = |k: u32| program::Waypoint {
-        position_mm: Point3::new(400.0 + 2.0 * f64::from(k), if k.is_multiple_of(2) { -3.0 } else { 3.0 }, 100.0),
+        position_mm: Point3::new(
+            400.0 + 2.0 * f64::from(k),
+            if k.is_multiple_of(2) { -3.0 } else { 3.0 },
+            100.0,
+        ),
         base_from_torch: UnitQuaternion::identity(),
         feed_mm_s: 20.0,
         weld: (1..11).contains(&k),

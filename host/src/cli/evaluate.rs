@@ -47,6 +47,9 @@ pub(super) struct Args {
     /// The repository's folder of fixtures
     #[arg(long, value_name = "DIR", default_value = "fixtures", requires = "paper")]
     fixtures: PathBuf,
+    /// Print nothing but errors
+    #[arg(long, short, conflicts_with = "json")]
+    quiet: bool,
 }
 
 fn target(name: String) -> Target {
@@ -82,13 +85,20 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
 fn paper(args: &Args) -> Result<(), Failure> {
     directory::check(&args.out).map_err(|error| Failure::new(Exit::Output, error))?;
     let settings = comparison::Settings { fixtures: args.fixtures.clone(), runs: usize::from(args.runs) };
-    let begin = &mut |what: &str| eprintln!("{what} ...");
+    let begin = &mut |what: &str| {
+        if !args.quiet {
+            eprintln!("{what} ...");
+        }
+    };
     let measured = comparison::measure(&settings, begin).map_err(|error| {
         Failure::new(Exit::Input, error)
             .hint("run it in the repository, or name its fixtures with --fixtures")
     })?;
     let files = measured.files();
     directory::write(&args.out, &files).map_err(|error| Failure::new(Exit::Output, error))?;
+    if args.quiet {
+        return Ok(());
+    }
     let page = files.iter().find(|file| file.name == if args.json { "paper.json" } else { "paper.md" });
     print(&page.map_or_else(String::new, |file| String::from_utf8_lossy(&file.bytes).into_owned()))
 }
@@ -106,6 +116,9 @@ fn against(args: &Args, dir: &Path, truth: &Path) -> Result<(), Failure> {
     };
     if args.report {
         add_to_report(dir, &report::deviation(&paths, &truth, &options))?;
+    }
+    if args.quiet {
+        return Ok(());
     }
     let json = || serde_json::to_string_pretty(&evaluation).map(|text| text + "\n").unwrap_or_default();
     print(&if args.json { json() } else { table(&evaluation) })

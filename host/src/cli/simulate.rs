@@ -40,6 +40,9 @@ pub(super) struct Args {
     /// Length of a straight seam
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     length_mm: Option<f64>,
+    /// Distance of the members at the root; butt-v, fillet and lap only
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
+    root_opening_mm: Option<f64>,
     /// Scan badly on purpose: views that share too little; branch and tacked only
     #[arg(long)]
     weak: bool,
@@ -87,6 +90,7 @@ fn request(args: &Args) -> Request {
         format: args.format,
         angle_deg: args.angle_deg,
         length_mm: args.length_mm,
+        root_opening_mm: args.root_opening_mm,
     }
 }
 

@@ -7,6 +7,7 @@ use weldpath::export::summary::Source;
 use weldpath::pipeline::{Plan, ViewReport};
 use weldpath::postprocessing::Output;
 use weldpath::seam::Seam;
+use weldpath::seam::dimension::Dimension;
 use weldpath::toolpath::position::Position;
 
 /// Seams, what was derived, warnings, and where the files are.
@@ -17,6 +18,10 @@ pub(super) fn result(plan: &Plan, output: &Output, source: &Source, out: &Path) 
     );
     for seam in &plan.seams {
         text.push_str(&row(seam, output));
+    }
+    for seam in plan.seams.iter().filter(|seam| !seam.dimensions.is_empty()) {
+        let measured: Vec<String> = seam.dimensions.iter().map(Dimension::to_string).collect();
+        line(&mut text, &format!("seam {}: {}", seam.id, measured.join(", ")));
     }
     for note in &source.notes {
         line(&mut text, note);
@@ -104,6 +109,7 @@ mod tests {
             confidence: 0.934,
             expected_error_mm: 0.08,
             expected_error_deg: 0.5,
+            dimensions: vec![],
             warnings: vec!["the last 20 mm were seen by one view only".into()],
         };
         let base_from_torch = UnitQuaternion::identity();

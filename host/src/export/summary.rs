@@ -6,6 +6,7 @@ use super::feasibility;
 use crate::coverage::Gap;
 use crate::feasibility::Report;
 use crate::pipeline::{Derived, Plan, ViewReport};
+use crate::seam::dimension::Dimension;
 use crate::seam::{Joint, Seam};
 use crate::toolpath::SeamPath;
 use crate::toolpath::position::{Position, positions};
@@ -72,8 +73,18 @@ struct SeamSummary {
     confidence: Option<f64>,
     expected_error_mm: Option<f64>,
     expected_error_deg: Option<f64>,
+    dimensions: Vec<Measured>,
     reason: String,
     warnings: Vec<String>,
+}
+
+/// A dimension of a joint, or why it could not be measured.
+#[derive(Debug, Serialize)]
+struct Measured {
+    name: &'static str,
+    value: Option<f64>,
+    uncertainty: Option<f64>,
+    reason: Option<&'static str>,
 }
 
 /// A stretch of a seam that should be scanned again, and from where.
@@ -190,8 +201,19 @@ fn seam_summary(seam: &Seam, lines: &[SeamPath], paths: &[SeamPath], up: UnitVec
         confidence: finite(seam.confidence),
         expected_error_mm: finite(seam.expected_error_mm),
         expected_error_deg: finite(seam.expected_error_deg),
+        dimensions: seam.dimensions.iter().map(measured).collect(),
         reason: seam.reason.clone(),
         warnings: seam.warnings.clone(),
+    }
+}
+
+fn measured(dimension: &Dimension) -> Measured {
+    let value = dimension.value.as_ref().ok();
+    Measured {
+        name: dimension.quantity.name(),
+        value: value.and_then(|v| finite(v.value)),
+        uncertainty: value.and_then(|v| finite(v.uncertainty)),
+        reason: dimension.value.as_ref().err().copied(),
     }
 }
 

@@ -41,7 +41,7 @@ impl Source {
 }
 
 /// A sample in which rare directions are kept whole and common ones thinned, each with the weight that makes up for it.
-fn spread_over_normals(normals: &[Vector3<f32>], sample: usize) -> Vec<(u32, f32)> {
+pub(crate) fn spread_over_normals(normals: &[Vector3<f32>], sample: usize) -> Vec<(u32, f32)> {
     let bin = |n: &Vector3<f32>| {
         let c = |v: f32| ((v * 3.0).round() as i32 + 3) as usize;
         (c(n.x) * 7 + c(n.y)) * 7 + c(n.z)

@@ -11,8 +11,10 @@ use nalgebra::Vector3;
 pub struct Section {
     /// Angle between the faces through the air, degrees.
     pub opening_deg: f32,
-    /// Whether each face ends within the window.
+    /// Whether each face ends near enough to be seen.
     pub short: [bool; 2],
+    /// How far each face reaches from the seam, mm; no farther than was looked.
+    pub reach_mm: [f32; 2],
     /// Mean normal of what lies beyond each face that ends.
     pub beyond: [Option<Vector3<f32>>; 2],
     /// Mean normals of the faces along a loop: length 1 where they keep their direction.
@@ -24,28 +26,67 @@ pub fn section(seam: &Refined, model: &PointCloud, grid: &Grid, voxel_mm: f32, m
     let n = seam.frames.len() as f32;
     let mean = |k: usize| seam.frames.iter().map(|f| f.faces[k]).sum::<Vector3<f32>>() / n;
     let cosine = seam.frames.iter().map(|f| f.faces[0].dot(&f.faces[1])).sum::<f32>() / n;
-    let short = seam.reach_mm.map(|r| r < super::refine::NARROW * most_mm);
-    Section {
-        opening_deg: 180.0 - cosine.clamp(-1.0, 1.0).acos().to_degrees(),
-        short,
-        beyond: [0, 1].map(|k| if short[k] { beyond(seam, k, model, grid, voxel_mm) } else { None }),
-        steadiness: [mean(0).norm(), mean(1).norm()],
+    let opening_deg = 180.0 - cosine.clamp(-1.0, 1.0).acos().to_degrees();
+    let mut reach_mm = seam.reach_mm;
+    let mut short = reach_mm.map(|reach_mm| reach_mm < super::refine::NARROW * most_mm);
+    let lies_beyond = |k: usize, reach_mm: f32| beyond(seam, k, reach_mm, model, grid, voxel_mm);
+    let mut beyond = [0, 1].map(|k| if short[k] { lies_beyond(k, reach_mm[k]) } else { None });
+    for k in 0..2 {
+        // The bevels of a thick plate, or of a wide root opening, end farther out.
+        if beyond[k].is_none() && opening_deg < super::refine::ACUTE_DEG {
+            let far_mm = FAR * most_mm;
+            reach_mm[k] = lip_mm(seam, k, model, grid, voxel_mm, far_mm);
+            short[k] = reach_mm[k] < super::refine::NARROW * far_mm;
+            beyond[k] = if short[k] { lies_beyond(k, reach_mm[k]) } else { None };
+        }
     }
+    Section { opening_deg, short, reach_mm, beyond, steadiness: [mean(0).norm(), mean(1).norm()] }
+}
+
+/// How far bevels are followed, in reaches of the refinement.
+const FAR: f32 = 3.0;
+
+/// How far face `k` goes on in the model, less what its lip rounds, mm.
+fn lip_mm(seam: &Refined, k: usize, model: &PointCloud, grid: &Grid, voxel_mm: f32, most_mm: f32) -> f32 {
+    const SECTIONS: usize = 9;
+    let mut lips: Vec<f32> = Vec::with_capacity(2 * SECTIONS);
+    for frame in seam.frames.iter().step_by((seam.frames.len() / SECTIONS).max(1)) {
+        let into = frame.into_faces()[k];
+        let goes_on = |u_mm: f32| {
+            let mut on_face = false;
+            grid.within(&(frame.position + into * u_mm), 1.5 * voxel_mm, |slot, _| {
+                on_face |= model.normals[grid.index(slot)].dot(&frame.faces[k]) > 0.9;
+            });
+            on_face
+        };
+        let steps = (most_mm / voxel_mm) as usize;
+        let from = (seam.reach_mm[k] / voxel_mm) as usize;
+        let end = (from..steps).find(|&step| !goes_on(step as f32 * voxel_mm)).unwrap_or(steps);
+        lips.push((end as f32 - 2.0) * voxel_mm);
+    }
+    crate::normals::median(&mut lips)
 }
 
 /// Mean normal, in the frame of the seam's middle cross-section, of the surface that begins where face `k` ends.
 ///
 /// Expressed by its components along that station's own face normals, so that curved seams can be averaged.
-fn beyond(seam: &Refined, k: usize, model: &PointCloud, grid: &Grid, voxel_mm: f32) -> Option<Vector3<f32>> {
+fn beyond(
+    seam: &Refined,
+    k: usize,
+    reach_mm: f32,
+    model: &PointCloud,
+    grid: &Grid,
+    voxel_mm: f32,
+) -> Option<Vector3<f32>> {
     let mut votes = Vec::new();
     for frame in seam.frames.iter().step_by((seam.frames.len() / 24).max(1)) {
         let into = frame.into_faces()[k];
-        let lip = frame.position + into * (seam.reach_mm[k] + 2.0 * voxel_mm);
+        let lip = frame.position + into * (reach_mm + 2.0 * voxel_mm);
         let mut sum = Vector3::zeros();
         grid.within(&lip, 5.0 * voxel_mm, |slot, _| {
             let normal = model.normals[grid.index(slot)];
             if normal.dot(&frame.faces[k]).abs() < 0.8
-                && (grid.point(slot) - frame.position).dot(&into) > seam.reach_mm[k]
+                && (grid.point(slot) - frame.position).dot(&into) > reach_mm
             {
                 sum += normal;
             }

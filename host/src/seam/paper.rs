@@ -45,6 +45,7 @@ pub fn find(voxels: &Voxels, model: &PointCloud, ratio_threshold: f64) -> Found 
         confidence: 0.0,
         expected_error_mm: f64::from(voxels.edge_mm),
         expected_error_deg: 15.0,
+        dimensions: vec![],
         warnings: vec!["the paper's method, for comparison only: do not weld this".into()],
     };
     let radius_mm = RADIUS_VOXELS * voxels.edge_mm;

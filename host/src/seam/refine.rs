@@ -52,7 +52,7 @@ impl Default for Config {
 }
 
 /// Faces that meet at less leave a gap or a root face between them, degrees.
-const ACUTE_DEG: f32 = 75.0;
+pub const ACUTE_DEG: f32 = 75.0;
 /// Share of the farthest reach below which a face counts as narrow.
 pub const NARROW: f32 = 0.93;
 
@@ -93,6 +93,8 @@ pub struct Refined {
     pub freedom: f64,
     /// Per station and face: share of each view in the fit.
     pub view_share: Vec<[Vec<f32>; 2]>,
+    /// The raw points that lie near enough to matter.
+    pub near: Vec<u32>,
 }
 
 impl Refined {
@@ -125,7 +127,7 @@ pub fn refine(merged: &Merged, chain: &Chain, voxel_mm: f32, config: &Config) ->
         path = Path { frames: outcome.frames.clone(), step_mm: outcome.step_mm, closed: path.closed };
         refined = Some(outcome);
     }
-    refined
+    refined.map(|refined| Refined { near, ..refined })
 }
 
 /// Stations at equal steps.

@@ -106,7 +106,7 @@ pub fn beside(
         .collect()
 }
 
-/// Coordinates of a point by the frame at its foot, interpolated between the nearest station and the one beyond it.
+/// Coordinates of a point by the frame at its foot.
 fn coordinates(
     p: &Point3<f32>,
     frames: &[Frame],
@@ -114,6 +114,22 @@ fn coordinates(
     closed: bool,
     step_mm: f32,
 ) -> Option<(Beside, Frame)> {
+    let (s, d, foot) = foot(p, frames, nearest, closed, step_mm)?;
+    let into = foot.into_faces();
+    let (u, h) = ([d.dot(&into[0]), d.dot(&into[1])], [d.dot(&foot.faces[0]), d.dot(&foot.faces[1])]);
+    let face = usize::from(h[1].abs() < h[0].abs());
+    Some((Beside { s, face: face as u8, u: u[face], h: h[face], view: 0, incidence_cos: 0.0 }, foot))
+}
+
+/// Where a point lies along the seam, its offset in the cross-section there, and the frame of that, interpolated between
+/// the nearest station and the one beyond it.
+pub(super) fn foot(
+    p: &Point3<f32>,
+    frames: &[Frame],
+    nearest: usize,
+    closed: bool,
+    step_mm: f32,
+) -> Option<(f32, Vector3<f32>, Frame)> {
     let n = frames.len();
     let near = &frames[nearest];
     let ahead = (p - near.position).dot(&near.tangent);
@@ -137,12 +153,8 @@ fn coordinates(
     if off.abs() > step_mm {
         return None;
     }
-    let d = d - foot.tangent * off;
-    let into = foot.into_faces();
-    let (u, h) = ([d.dot(&into[0]), d.dot(&into[1])], [d.dot(&foot.faces[0]), d.dot(&foot.faces[1])]);
-    let face = usize::from(h[1].abs() < h[0].abs());
     let s = nearest as f32 * step_mm + sign * share * step_mm + if gap > 0.0 { 0.0 } else { ahead };
-    Some((Beside { s, face: face as u8, u: u[face], h: h[face], view: 0, incidence_cos: 0.0 }, foot))
+    Some((s, d - foot.tangent * off, foot))
 }
 
 fn mix(a: &Frame, b: &Frame, share: f32) -> Option<Frame> {

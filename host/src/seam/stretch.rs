@@ -100,6 +100,7 @@ pub(super) fn smoothed(
         window_mm: 2.0 * section.half_mm * 0.6,
         freedom,
         view_share: shares,
+        near: Vec::new(),
     })
 }
 

@@ -85,6 +85,9 @@ pub struct Request {
     pub angle_deg: Option<f64>,
     /// Length of a straight seam, mm, for `fillet`, `lap`, `corner`, `butt-v`.
     pub length_mm: Option<f64>,
+    /// Distance of the members at the root, mm, for `fillet`, `lap`, `butt-v`; if not given, a groove draws its own, and
+    /// the others are tight.
+    pub root_opening_mm: Option<f64>,
 }
 
 /// Why a scan cannot be simulated or written.
@@ -253,6 +256,7 @@ impl Request {
             format: Format::Png,
             angle_deg: None,
             length_mm: None,
+            root_opening_mm: None,
         }
     }
 
@@ -279,6 +283,13 @@ impl Request {
                 within("length", length_mm, 60.0, 600.0)?;
             }
             (Some(_), _) => return refuse("length", "fillet, lap, corner, butt-v"),
+            _ => {}
+        }
+        match (self.root_opening_mm, part) {
+            (Some(opening_mm), Part::Fillet | Part::Lap | Part::ButtV) => {
+                within("root opening", opening_mm, 0.0, 5.0)?;
+            }
+            (Some(_), _) => return refuse("root opening", "fillet, lap, butt-v"),
             _ => {}
         }
         match (self.weak, part) {

@@ -131,6 +131,9 @@ fn nonsense_is_refused_with_a_way_out() {
     assert!(refused(&Request { angle_deg: Some(60.0), ..small(Part::Pipe) }).contains("butt-v"));
     assert!(refused(&Request { length_mm: Some(200.0), ..small(Part::Pipe) }).contains("butt-v"));
     assert!(refused(&Request { weak: true, ..small(Part::Pipe) }).contains("branch"));
+    let opening = |part, mm| Request { root_opening_mm: Some(mm), ..small(part) };
+    assert!(refused(&opening(Part::Pipe, 1.0)).contains("butt-v"));
+    assert!(refused(&opening(Part::ButtV, -0.1)).contains("root opening"));
 }
 
 /// Least eigenvalue of the mean of n nᵀ over what a view sees of the piece: 0 if a direction is not tied down.

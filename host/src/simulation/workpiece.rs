@@ -72,18 +72,18 @@ impl Workpiece {
         let mut draw =
             Draw { random: Stream::new(request.seed, request.part.name(), 0), drawn: BTreeMap::new() };
         let mut piece = match request.part {
-            Part::Fillet => webs::fillet(&mut draw, request.angle_deg.unwrap_or(90.0), request.length_mm),
+            Part::Fillet => webs::fillet(&mut draw, request),
             Part::Branch => webs::branch(&mut draw, request.weak),
             Part::Tacked => webs::tacked(&mut draw, request.weak),
             Part::Cruciform => webs::cruciform(&mut draw),
-            Part::Lap => plates::lap(&mut draw, request.length_mm),
+            Part::Lap => plates::lap(&mut draw, request),
             Part::Corner => plates::corner(&mut draw, request.length_mm),
             Part::Plate => plates::plate(&mut draw),
             Part::Box => plates::block(&mut draw),
             Part::RoundLap => round::round_lap(&mut draw),
             Part::Pipe => round::pipe(&mut draw),
             Part::Saddle => round::saddle(&mut draw),
-            Part::ButtV => grooves::butt_v(&mut draw, request.angle_deg.unwrap_or(60.0), request.length_mm),
+            Part::ButtV => grooves::butt_v(&mut draw, request),
             Part::Scurve => grooves::scurve(&mut draw, request.angle_deg.unwrap_or(60.0)),
         };
         piece.drawn = draw.drawn;
@@ -136,6 +136,14 @@ impl TrueSeam {
     fn with_root(mut self, root_mm: f64) -> Self {
         for station in &mut self.stations {
             station.root = station.apex + station.torch() * root_mm;
+        }
+        self
+    }
+
+    /// The same with one member standing off the other by `opening` at the root.
+    fn with_opening(mut self, opening: Vector3<f64>) -> Self {
+        for station in &mut self.stations {
+            station.root = station.apex + 0.5 * opening;
         }
         self
     }

@@ -1,6 +1,6 @@
 //! V grooves: two bevelled plates side by side, straight or along an S with a crown.
 
-use super::{Draw, TrueSeam, TrueStation, Viewpoint, Views, Workpiece};
+use super::{Draw, Request, TrueSeam, TrueStation, Viewpoint, Views, Workpiece};
 use crate::simulation::rotation::{from_columns, sin_cos, sin_cos_deg};
 use crate::simulation::solid::{Convex, Solid};
 use nalgebra::{Isometry3, Point3, Translation3, Vector3};
@@ -18,9 +18,10 @@ struct Groove {
 }
 
 impl Groove {
-    fn draw(draw: &mut Draw, included_deg: f64) -> Self {
+    fn draw(draw: &mut Draw, included_deg: f64, opening_mm: Option<f64>) -> Self {
         let thick = draw.between("T", 8.0, 10.0);
-        let gap = draw.between("gap", 1.2, 1.8);
+        let drawn = draw.between("gap", 1.2, 1.8);
+        let gap = draw.given("gap", opening_mm.unwrap_or(drawn));
         let root_face = draw.between("root_face", 0.6, 1.0);
         let (sin, cos) = sin_cos_deg(0.5 * draw.given("included", included_deg));
         let faces = [Vector3::new(0.0, -cos, sin), Vector3::new(0.0, cos, sin)];
@@ -51,10 +52,10 @@ impl Groove {
     }
 }
 
-/// Two bevelled plates, `included_deg` between the bevels.
-pub(super) fn butt_v(draw: &mut Draw, included_deg: f64, length_mm: Option<f64>) -> Workpiece {
-    let groove = Groove::draw(draw, included_deg);
-    let half = 0.5 * length_mm.unwrap_or(500.0);
+/// Two bevelled plates, at 60 degrees between the bevels unless told otherwise.
+pub(super) fn butt_v(draw: &mut Draw, request: &Request) -> Workpiece {
+    let groove = Groove::draw(draw, request.angle_deg.unwrap_or(60.0), request.root_opening_mm);
+    let half = 0.5 * request.length_mm.unwrap_or(500.0);
     let outline = groove.plate(75.0, 0.0);
     let solids = [outline, Groove::mirrored(outline)].map(|o| Convex::prism(&o, -half, half).into());
     let end = |x| Point3::new(x, 0.0, groove.apex());
@@ -83,7 +84,7 @@ const SPAN: f64 = 300.0;
 
 /// A groove along an S whose plates have a crown.
 pub(super) fn scurve(draw: &mut Draw, included_deg: f64) -> Workpiece {
-    let groove = Groove::draw(draw, included_deg);
+    let groove = Groove::draw(draw, included_deg, None);
     let swing = draw.between("A", 11.0, 14.0);
     let crown = draw.between("B", 7.0, 10.0);
     let at = |x: f64| frame(x, swing, crown);

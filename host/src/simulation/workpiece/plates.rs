@@ -1,20 +1,22 @@
 //! Two plates that meet: lap and corner joints. And pieces without a seam: a plate with a hole, a block.
 
-use super::{Draw, TrueSeam, Workpiece, around, ring};
+use super::{Draw, Request, TrueSeam, Workpiece, around, ring};
 use crate::simulation::solid::{Convex, Solid};
 use nalgebra::{Point3, Vector3};
 
-/// The edge of a plate on another plate.
-pub(super) fn lap(draw: &mut Draw, length_mm: Option<f64>) -> Workpiece {
+/// The edge of a plate on another plate, or a little above it.
+pub(super) fn lap(draw: &mut Draw, request: &Request) -> Workpiece {
     let lower = draw.between("T", 7.0, 9.0);
     let upper = draw.between("T2", 7.0, 9.0);
-    let half = 0.5 * length_mm.unwrap_or(300.0);
+    let gap = request.root_opening_mm.map_or(0.0, |gap| draw.given("gap", gap));
+    let half = 0.5 * request.length_mm.unwrap_or(300.0);
     let solids = vec![
         Convex::cuboid([-half, -75.0, 0.0], [half, 40.0, lower]).into(),
-        Convex::cuboid([-half, 0.0, lower], [half, 75.0, lower + upper]).into(),
+        Convex::cuboid([-half, 0.0, lower + gap], [half, 75.0, lower + gap + upper]).into(),
     ];
     let end = |x| Point3::new(x, 0.0, lower);
-    let seam = TrueSeam::straight("lap", end(-half), end(half), [Vector3::z(), -Vector3::y()], true);
+    let seam = TrueSeam::straight("lap", end(-half), end(half), [Vector3::z(), -Vector3::y()], true)
+        .with_opening(Vector3::z() * gap);
     let far = 60.0 + 0.95 * (2.0 * half);
     let places =
         [[-70.0, 51.0, far], [-112.0, 47.0, far], [-55.0, 54.0, far], [-88.0, 38.0, far], [-76.0, 64.0, far]];

@@ -1,22 +1,23 @@
 //! Webs on a base plate: T joint, Y of three webs, cross of two, a block and a rib tacked on.
 
-use super::{Draw, TrueSeam, Workpiece, around};
+use super::{Draw, Request, TrueSeam, Workpiece, around};
 use crate::simulation::rotation::{about, sin_cos_deg};
 use crate::simulation::solid::{Convex, Solid};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
-/// A T joint whose web leans: `angle_deg` between plate and web on the camera's side.
-pub(super) fn fillet(draw: &mut Draw, angle_deg: f64, length_mm: Option<f64>) -> Workpiece {
+/// A T joint whose web leans, by the angle between plate and web on the camera's side, and may stand off the plate.
+pub(super) fn fillet(draw: &mut Draw, request: &Request) -> Workpiece {
     let plate = draw.between("T", 8.0, 10.0);
     let web = draw.between("t", 7.0, 9.0);
-    let angle_deg = draw.given("angle_deg", angle_deg);
-    let half = 0.5 * length_mm.unwrap_or(300.0);
+    let angle_deg = draw.given("angle_deg", request.angle_deg.unwrap_or(90.0));
+    let gap = request.root_opening_mm.map_or(0.0, |gap| draw.given("gap", gap));
+    let half = 0.5 * request.length_mm.unwrap_or(300.0);
     let (sin, cos) = sin_cos_deg(angle_deg);
     let (front, back) = (-0.5 * web / sin, 0.5 * web / sin);
     let lean = |height: f64| -cos / sin * height;
     let profile = [
-        [front, plate],
-        [back, plate],
+        [front + lean(gap), plate + gap],
+        [back + lean(gap), plate + gap],
         [back + lean(80.0), plate + 80.0],
         [front + lean(80.0), plate + 80.0],
     ];
@@ -25,6 +26,7 @@ pub(super) fn fillet(draw: &mut Draw, angle_deg: f64, length_mm: Option<f64>) ->
     let seam = |name, y, wall, required| {
         let end = |x| Point3::new(x, y, plate);
         TrueSeam::straight(name, end(-half), end(half), [Vector3::z(), wall], required)
+            .with_opening(Vector3::new(0.0, lean(gap), gap))
     };
     let seams = vec![seam("right", front, face, true), seam("left", back, -face, false)];
     let target = Point3::new(0.0, front - 5.0, plate + 15.0);

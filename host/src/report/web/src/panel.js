@@ -78,7 +78,7 @@ export function list(onSelect) {
 }
 
 // Keys that the details show in words of their own.
-const TOLD = ["id", "joint", "selected", "closed", "length_mm", "points", "confidence", "expected_error_mm", "expected_error_deg", "reason", "warnings", "colour", "line_mm"];
+const TOLD = ["id", "joint", "selected", "closed", "length_mm", "points", "confidence", "expected_error_mm", "expected_error_deg", "dimensions", "reason", "warnings", "colour", "line_mm"];
 
 function value(key, v) {
   if (typeof v === "number") return `${number(v)}${label(key).unit && unitAfter(label(key).unit)}`;
@@ -96,6 +96,7 @@ export function detail(seam, onZoom) {
     ["confidence", percent(seam.confidence)],
     ["expected error across the seam", `${number(seam.expected_error_mm)} mm`],
     ["expected error of the torch", `${number(seam.expected_error_deg)}°`],
+    ...seam.dimensions.map((d) => [label(d.name).name, d.value === null ? `not measurable: ${d.reason}` : `${d.value.toFixed(1)} ± ${d.uncertainty.toFixed(1)}${unitAfter(label(d.name).unit)}`]),
     off.length > 0 && ["measured error (RMSE, largest)", `${number(Math.sqrt(sum(off.map((v) => v * v)) / off.length))}, ${number(Math.max(...off))} mm`],
     weld && ["waypoints", String(seam.points)],
     weld && ["weld time", duration(weldTime(weld))],

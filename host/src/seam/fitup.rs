@@ -1,0 +1,97 @@
+//! Fit-up: groove angle, depth and width, sheet thickness and root opening of a joint, each with its uncertainty (ours).
+//!
+//! Everything is measured in cross-sections square to the seam. The root opening needs the registered raw points, because
+//! the voxel grid and the filter round what lies next to it ([`root`]); surfaces beyond the lips need not ([`surface`]).
+//! A value that the scan does not show is not guessed: its place is taken by the reason.
+
+mod root;
+mod sight;
+mod surface;
+
+pub use root::groove_end_mm;
+
+use super::dimension::{Dimension, Quantity, Value};
+use super::expected::Expected;
+use super::refine::Refined;
+use super::{Input, Joint};
+use crate::grid::Grid;
+
+/// What a joint is measured from.
+pub struct Evidence<'a> {
+    /// What the steps before handed over.
+    pub input: &'a Input<'a>,
+    /// Of the model's points.
+    pub grid: &'a Grid,
+    /// The refined seam.
+    pub seam: &'a Refined,
+    /// Its kind.
+    pub joint: Joint,
+    /// Which faces were seen to end.
+    pub short: [bool; 2],
+    /// How far the faces reach, mm.
+    pub reach_mm: [f32; 2],
+    /// How wrong the seam may be.
+    pub expected: &'a Expected,
+}
+
+/// The dimensions that a joint of this kind has.
+pub fn measure(evidence: &Evidence) -> Vec<Dimension> {
+    let opening = root::opening(evidence);
+    let angle = Dimension { quantity: Quantity::IncludedAngle, value: Ok(opening.angle_deg) };
+    let gap = Dimension { quantity: Quantity::RootOpening, value: opening.width_mm };
+    let rest = match evidence.joint {
+        Joint::ButtV => groove(evidence, opening.angle_deg, gap.value),
+        Joint::Lap => vec![sheet(evidence, gap.value)],
+        _ => Vec::new(),
+    };
+    std::iter::once(angle).chain(rest).chain([gap]).collect()
+}
+
+/// The same of a plate on a plate whose side nobody saw.
+pub fn of_step(height_mm: f64, error_mm: f64) -> Vec<Dimension> {
+    let step = Value { value: height_mm, uncertainty: 2.0 * error_mm };
+    vec![
+        Dimension { quantity: Quantity::SheetThickness, value: Ok(step) },
+        Dimension { quantity: Quantity::RootOpening, value: Err("the side of the upper sheet was not seen") },
+    ]
+}
+
+/// Depth and width of a groove between bevels that include `angle_deg`.
+fn groove(evidence: &Evidence, angle_deg: Value, gap: Result<Value, &'static str>) -> Vec<Dimension> {
+    let cotangent = 1.0 / (0.5 * angle_deg.value).to_radians().tan();
+    // Of the cotangent, and of heights that come from the place of the seam.
+    let unsure = (0.5 * angle_deg.uncertainty).to_radians() * (1.0 + cotangent * cotangent);
+    let place_mm = 2.0 * evidence.expected.position_mm;
+    let lips = [0, 1].map(|side| surface::above_bevel(evidence, side, cotangent));
+    let both = match lips {
+        [Some(a), Some(b)] => Ok((a, b)),
+        _ => Err("the surface of the plates beside the groove was not seen"),
+    };
+    let width = both.map(|(a, b)| {
+        let value = a.out_mm + b.out_mm;
+        let top_mm = a.uncertainty_mm.hypot(b.uncertainty_mm).hypot(2.0 * place_mm);
+        Value { value, uncertainty: top_mm.hypot(value * unsure) / cotangent }
+    });
+    let depth = both.and_then(|(a, b)| {
+        let gap = gap?;
+        let top_mm = (0.5 * a.uncertainty_mm.hypot(b.uncertainty_mm)).hypot(place_mm);
+        let end_mm = (0.5 * gap.uncertainty * cotangent).hypot(0.5 * gap.value * unsure);
+        let value = 0.5 * (a.up_mm + b.up_mm - gap.value * cotangent);
+        Ok(Value { value, uncertainty: top_mm.hypot(end_mm) })
+    });
+    vec![
+        Dimension { quantity: Quantity::GrooveDepth, value: depth },
+        Dimension { quantity: Quantity::CapWidth, value: width },
+    ]
+}
+
+/// Thickness of the upper sheet of a lap joint.
+fn sheet(evidence: &Evidence, gap: Result<Value, &'static str>) -> Dimension {
+    let side = usize::from(evidence.short[1] && !evidence.short[0]);
+    let step = surface::above_edge(evidence, side).ok_or("the top of the upper sheet was not seen");
+    // A gap that cannot be told is part of the step.
+    let (gap_mm, unsure_mm) = gap.map_or((0.0, 0.0), |gap| (gap.value, gap.uncertainty));
+    let value = step
+        .map(|step| Value { value: step.up_mm - gap_mm, uncertainty: step.uncertainty_mm.hypot(unsure_mm) });
+    Dimension { quantity: Quantity::SheetThickness, value }
+}
