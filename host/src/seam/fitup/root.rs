@@ -40,6 +40,9 @@ const CLAMP: f32 = 3.0;
 const RISE: f64 = 12.0;
 /// Uncertainty from the distance of the points at the edge, voxels: about half of that distance.
 const EDGE_VOXELS: f64 = 0.3;
+/// The same from the blur of the root of a groove, which looks like a floor: standard deviations of the points. Closed
+/// grooves of other seeds and poses than those that the rest was tried on ask for it.
+const BLUR_NOISES: f64 = 1.5;
 /// Fewer points than this beside the root show nothing, and fewer on a face make no fit.
 const LEAST_POINTS: usize = 60;
 /// Share of the usual points below which a place misses some.
@@ -103,7 +106,8 @@ fn of_groove(
     let from_mm = Some(end.value as f32 + END_VOXELS * evidence.input.voxels.edge_mm);
     let fine = sections(stretches, seam, Some(Refit { from_mm, lateral_mm }));
     let still = sections(stretches, seam, Some(Refit { from_mm, lateral_mm: 0.0 }));
-    let end = least(&fine, &[0, 1], Section::groove, edge_mm)?;
+    let noise_mm = fine.iter().map(|s| f64::from(s.sigma_mm)).sum::<f64>() / fine.len() as f64;
+    let end = least(&fine, &[0, 1], Section::groove, edge_mm.hypot(BLUR_NOISES * noise_mm))?;
     let turn_deg = turn_deg(&fine);
     let lateral_deg = LATERAL_UNSURE * (turn_deg - self::turn_deg(&still));
     let angle_deg =
