@@ -108,13 +108,19 @@ pub struct Voxels {
     pub edge_mm: f32,
 }
 
+/// Centroids of the occupied voxels of finite `points`, in the order of the voxels along x, then y, then z: where
+/// [`voxel_grid`] puts its points.
+///
+/// Voxels have an edge of `edge_mm`, or more where their table would outgrow the points.
+pub fn centroids(points: &[Point3<f32>], edge_mm: f32) -> Vec<Point3<f32>> {
+    Cells::new(points, edge_mm).centroids()
+}
+
 /// Thins a cloud to one point per voxel of `edge_mm` that holds at least `least` points.
 pub fn voxel_grid(merged: &Merged, edge_mm: f32, least: u32) -> Voxels {
     let cells = Cells::new(&merged.points_mm, edge_mm);
     let sums = cells.sums();
-    let places: Vec<Point3<f32>> = (0..cells.len())
-        .map(|k| cells.centres_mm[k] + cells.moments[k].sum / cells.moments[k].count)
-        .collect();
+    let places = cells.centroids();
     let toward = toward_cameras(merged, &cells, &places);
     let given = given_normals(merged, &cells);
     let kept: Vec<usize> = (0..cells.len()).filter(|&k| cells.moments[k].count >= least as f32).collect();
@@ -176,4 +182,22 @@ fn toward_cameras(merged: &Merged, cells: &Cells, places: &[Point3<f32>]) -> Vec
     }
     let all = sums.iter().zip(latest).enumerate();
     all.map(|(k, (sum, (view, count)))| direction(&(sum + toward(k, view, count)))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_centroid_is_the_mean_of_its_voxel_and_no_other() {
+        // Voxels are laid from the lowest corner, which is the first point.
+        let near = |x: f32, y: f32| [[0.0, 0.0], [0.5, 0.25], [0.25, 0.5]].map(|[u, v]| [x + u, y + v, 7.0]);
+        let voxels = [near(0.0, 0.0), near(2.0, 0.0), near(1.0, 3.0)];
+        let points: Vec<Point3<f32>> = voxels.into_iter().rev().flatten().map(Point3::from).collect();
+        let expected = [[0.25, 0.25, 7.0], [2.25, 0.25, 7.0], [1.25, 3.25, 7.0]].map(Point3::from);
+        let found = centroids(&points, 1.0);
+        assert_eq!(found.len(), 3);
+        assert!(found.iter().zip(&expected).all(|(a, b)| (a - b).norm() < 1e-6), "{found:?}");
+        assert!(centroids(&[], 1.0).is_empty());
+    }
 }

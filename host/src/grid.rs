@@ -285,31 +285,6 @@ fn sorted(rows: &Rows, at: &[CellAt]) -> (Vec<u32>, Vec<u32>) {
     (start, order)
 }
 
-/// Exact centroid of the points in each occupied cell of `cell_mm`, in the order of the cells: without a sort, since
-/// nothing else is asked of the points.
-pub fn centroids(points: &[Point3<f32>], cell_mm: f32) -> Vec<Point3<f32>> {
-    let (rows, at) = Rows::over(points, cell_mm);
-    // Sums of the offsets from the cell's corner, and the number of points.
-    let mut sums = vec![[0f32; 4]; rows.entries()];
-    let ny = rows.cells[1] as u32;
-    for (p, at) in points.iter().zip(&at) {
-        let corner = rows.corner_mm([at.x, at.row % ny, at.row / ny].map(|k| k as usize));
-        let sum = &mut sums[rows.entry_of(at)];
-        *sum = [
-            sum[0] + (p.x - corner[0]),
-            sum[1] + (p.y - corner[1]),
-            sum[2] + (p.z - corner[2]),
-            sum[3] + 1.0,
-        ];
-    }
-    let occupied = rows.all().filter(|(entry, _)| sums[*entry][3] > 0.0);
-    let centroid = |(entry, at): (usize, [usize; 3])| {
-        let (corner, [x, y, z, count]) = (rows.corner_mm(at), sums[entry]);
-        Point3::new(corner[0] + x / count, corner[1] + y / count, corner[2] + z / count)
-    };
-    occupied.map(centroid).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

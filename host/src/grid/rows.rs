@@ -112,12 +112,6 @@ impl Rows {
         })
     }
 
-    /// Low corner of a cell, mm.
-    #[inline]
-    pub(crate) fn corner_mm(&self, at: [usize; 3]) -> [f32; 3] {
-        [0, 1, 2].map(|k| self.low_mm[k] + at[k] as f32 * self.cell_mm)
-    }
-
     /// Centre of a cell, mm.
     #[inline]
     pub(crate) fn centre(&self, at: [usize; 3]) -> Point3<f32> {

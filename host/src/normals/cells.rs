@@ -50,6 +50,12 @@ impl Cells {
         self.moments.len()
     }
 
+    /// Exact centroid of each cell's points.
+    pub(crate) fn centroids(&self) -> Vec<Point3<f32>> {
+        let own = self.centres_mm.iter().zip(&self.moments);
+        own.map(|(centre, own)| centre + own.sum / own.count).collect()
+    }
+
     /// Sums of the cells' own points.
     pub(crate) fn sums(&self) -> Vec<Sums> {
         let own = self.places.par_iter().zip(&self.moments);
