@@ -1,6 +1,7 @@
 // What every C++ peer shares: the cloud, CPU time, and one JSON line per stage.
 #pragma once
 #include <array>
+#include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <ctime>
@@ -44,5 +45,5 @@ inline void stage(const char* peer, const char* name, std::function<void()> work
 }
 
 inline std::string number(const char* name, double value) {
-    return std::string("{\"") + name + "\":" + std::to_string(value) + "}";
+    return std::string("{\"") + name + "\":" + (std::isfinite(value) ? std::to_string(value) : "null") + "}";
 }

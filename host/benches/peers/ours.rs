@@ -37,7 +37,11 @@ fn main() {
     match what.as_str() {
         "write" => write(&dir, rest[0].parse().expect("a number of points")),
         "whole" => whole(&dir),
-        "linear" => linear(&dir, &read(&dir, "butt"), radius_mm(&dir)),
+        "linear" => {
+            let (cloud, radius_mm) = (read(&dir, "butt"), radius_mm(&dir));
+            linear(&dir, &cloud, radius_mm);
+            edge_score(&dir, &cloud, radius_mm);
+        }
         _ => {
             let (cloud, radius_mm) = (read(&dir, "butt"), radius_mm(&dir));
             linear(&dir, &cloud, radius_mm);
@@ -277,13 +281,14 @@ fn whole(dir: &Path) {
     let path = dir.join("butt.ply");
     let plan = || {
         let scan = scan::read(&path, &scan::Options::default()).expect("it is read");
-        pipeline::plan(&scan.views, &pipeline::Config::default(), &mut ()).expect("there is a seam")
+        pipeline::plan(&scan.views, &pipeline::Config::default(), &mut ()).ok()
     };
-    // The faces meet 1.7 mm below the root.
-    let error = |plan: &pipeline::Plan| {
-        let sum: f64 = plan.seams[0].stations.iter().map(|s| s.position_mm.y.powi(2)).sum();
-        let across_rms_mm = (sum / plan.seams[0].stations.len() as f64).sqrt();
-        json!({ "seams": plan.seams.len(), "across_rms_mm": across_rms_mm, "peak_mib": peak_mib() })
+    // The faces meet 1.7 mm below the root. In 10 000 points there is no seam that can be welded.
+    let error = |plan: &Option<pipeline::Plan>| {
+        let Some(stations) = plan.as_ref().map(|plan| &plan.seams[0].stations) else { return Value::Null };
+        let sum: f64 = stations.iter().map(|s| s.position_mm.y.powi(2)).sum();
+        let across_rms_mm = (sum / stations.len() as f64).sqrt();
+        json!({ "across_rms_mm": across_rms_mm, "peak_mib": peak_mib() })
     };
     let points = scan::points(&path).expect("it is read").len();
     stage("whole method", points, plan, error);
