@@ -96,7 +96,7 @@ def table(rows):
     return "\n".join(lines) + "\n\nPeak bytes per point of the process: " + ", ".join(most)
 
 
-COLOURS = "#0060c0 #c04000 #208040 #8040a0 #a08000 #008090 #c02070 #606060 #404080 #000000".split()
+COLOURS = "#b08060 #0060c0 #c04000 #208040 #8040a0 #a08000 #008090 #c02070 #606060 #404080 #000000".split()
 
 
 def panel(x0, title, series, low, high, sizes):
