@@ -154,7 +154,7 @@ impl Rows {
 
     /// One of the points that the rows were laid over, relative to the centre of its cell, mm: without a look at memory.
     #[inline]
-    pub(crate) fn from_centre(&self, p: &Point3<f32>) -> Vector3<f32> {
+    pub(crate) fn offset_in_cell(&self, p: &Point3<f32>) -> Vector3<f32> {
         let ([x, y, z], [nx, ny, nz]) = (self.low_mm, self.cells.map(|cells| (cells - 1) as f32));
         let at =
             self.cells_from_low(p).fast_trunc_int().round_float().fast_min(f32x4::new([nx, ny, nz, 0.0]));

@@ -140,7 +140,7 @@ fn gathered(points: &[Point3<f32>], of_point: &[u32], rows: &Rows, cells: usize)
         let first = k * share;
         for (&of, p) in of_point.iter().zip(points) {
             if let Some(moments) = own.get_mut((of as usize).wrapping_sub(first)) {
-                moments.add(rows.from_centre(p));
+                moments.add(rows.offset_in_cell(p));
             }
         }
     });
