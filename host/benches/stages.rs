@@ -7,11 +7,11 @@ use std::fmt;
 use std::hint::black_box;
 
 use divan::{AllocProfiler, Bencher, counter::ItemsCount};
-use nalgebra::{Isometry3, Point3, Vector3};
+use nalgebra::{Isometry3, Point3, Translation3, Vector3};
 use weldpath::cloud::{Merged, PointCloud, View};
 use weldpath::denoising::{self, bilateral};
 use weldpath::downsampling::{self, voxel_grid};
-use weldpath::grid::{self, Grid, sweep::Around};
+use weldpath::grid::{Grid, sweep::Around};
 use weldpath::normals::{self, pointwise};
 use weldpath::pipeline;
 use weldpath::reconstruction::{self, register};
@@ -93,7 +93,7 @@ fn load_ply(bencher: Bencher, case: Case) {
 #[divan::bench(args = LINEAR)]
 fn voxel_centroids(bencher: Bencher, case: Case) {
     let points = clouds::butt_joint(case.0);
-    run(bencher, case, || grid::centroids(&points, 1.0));
+    run(bencher, case, || downsampling::centroids(&points, 1.0));
 }
 
 #[divan::bench(args = LINEAR)]
@@ -133,14 +133,15 @@ fn normals_of_a_view(bencher: Bencher, case: Case) {
 #[divan::bench(args = CASES)]
 fn icp_of_two_views(bencher: Bencher, case: Case) {
     let pair = clouds::pipe_pair(case.0);
-    let seen = |points_mm| View {
+    let seen = |(points, camera): (Vec<Point3<f32>>, Vector3<f64>)| View {
         name: "view".into(),
-        points_mm,
+        points_mm: points.iter().map(|p| (p.cast::<f64>() - camera).cast()).collect(),
         normals: Vec::new(),
-        base_from_camera: Isometry3::identity(),
+        base_from_camera: Translation3::from(camera).into(),
         camera_known: true,
     };
-    let views = [seen(pair.target), seen(pair.source)];
+    let [first, second] = pair.cameras_mm;
+    let views = [(pair.target, first), (pair.source, second)].map(seen);
     let patches = normals::of_views(&views, &normals::Config::default());
     let config = reconstruction::Config { prior_mm: f64::INFINITY, ..Default::default() };
     run(bencher, case, || register(&views, &patches, &config));

@@ -3,7 +3,7 @@
 //! Exact centroids. Voxels with few points are dropped, which removes flying pixels and outliers.
 
 use crate::cloud::{Merged, PointCloud};
-use crate::normals::cells::Cells;
+use crate::normals::cells::{Cells, Threes};
 use crate::normals::{Patches, median};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -108,31 +108,48 @@ pub struct Voxels {
     pub edge_mm: f32,
 }
 
+/// Centroids of the occupied voxels of finite `points`, in the order of the voxels along x, then y, then z: where
+/// [`voxel_grid`] puts its points.
+///
+/// Voxels have an edge of `edge_mm`, or more where their table would outgrow the points.
+pub fn centroids(points: &[Point3<f32>], edge_mm: f32) -> Vec<Point3<f32>> {
+    Cells::new(points, edge_mm).centroids()
+}
+
 /// Thins a cloud to one point per voxel of `edge_mm` that holds at least `least` points.
 pub fn voxel_grid(merged: &Merged, edge_mm: f32, least: u32) -> Voxels {
     let cells = Cells::new(&merged.points_mm, edge_mm);
-    let sums = cells.sums();
-    let places: Vec<Point3<f32>> = (0..cells.len())
-        .map(|k| cells.centres_mm[k] + cells.moments[k].sum / cells.moments[k].count)
-        .collect();
+    let kept: Vec<usize> = (0..cells.len()).filter(|&k| cells.moments[k].count >= least as f32).collect();
+    let fitted = if merged.normals.is_empty() { fitted_normals(&cells, &kept) } else { Vec::new() };
+    let places = cells.centroids();
     let toward = toward_cameras(merged, &cells, &places);
     let given = given_normals(merged, &cells);
-    let kept: Vec<usize> = (0..cells.len()).filter(|&k| cells.moments[k].count >= least as f32).collect();
-    let normal = |&k: &usize| match given.get(k) {
+    let normal = |(i, &k): (usize, &usize)| match given.get(k) {
         Some(&given) => given,
-        None => facing(cells.window(k, &sums, 1).plane().normal, &toward[k]),
+        None => facing(fitted[i], &toward[k]),
     };
     let of_kept = |all: &[Vector3<f32>]| kept.iter().map(|&k| all[k]).collect();
     Voxels {
         cloud: PointCloud {
             origin_mm: merged.origin_mm,
             points_mm: kept.iter().map(|&k| places[k]).collect(),
-            normals: kept.par_iter().map(normal).collect(),
+            normals: kept.iter().enumerate().map(normal).collect(),
         },
         count: kept.iter().map(|&k| cells.moments[k].count).collect(),
         toward_camera: of_kept(&toward),
         edge_mm: cells.cell_mm(),
     }
+}
+
+/// Normals of the planes through some voxels and their neighbours, of either sign.
+fn fitted_normals(cells: &Cells, of: &[usize]) -> Vec<Vector3<f32>> {
+    let mut threes = Threes::default();
+    cells.add_threes(1, |k| cells.sums(k), &mut threes);
+    let normal = |&k: &usize| {
+        let sums = cells.window(k, &threes);
+        sums.normal(&sums.scatter())
+    };
+    of.par_iter().map(normal).collect()
 }
 
 fn facing(normal: Vector3<f32>, toward: &Vector3<f32>) -> Vector3<f32> {
@@ -160,20 +177,45 @@ fn toward_cameras(merged: &Merged, cells: &Cells, places: &[Point3<f32>]) -> Vec
     let toward = |k: usize, view: u16, count: f32| {
         (merged.cameras_mm[usize::from(view)] - places[k]).normalize() * count
     };
-    let mut sums = vec![Vector3::zeros(); cells.len()];
-    let mut latest = vec![(0u16, 0f32); cells.len()];
-    for (&k, &view) in cells.of_point.iter().zip(&merged.view) {
-        let k = k as usize;
-        let (of, count) = &mut latest[k];
-        if *of == view {
-            *count += 1.0;
-        } else {
-            if *count > 0.0 {
-                sums[k] += toward(k, *of, *count);
+    // Sum of directions, and the latest view and its points.
+    let mut seen = vec![(Vector3::zeros(), 0u16, 0f32); cells.len()];
+    let share = cells.len().div_ceil(rayon::current_num_threads()).max(1);
+    // A thread takes a range of voxels and passes over all points.
+    seen.par_chunks_mut(share).enumerate().for_each(|(range, own)| {
+        let first = range * share;
+        for (&k, &view) in cells.of_point.iter().zip(&merged.view) {
+            let k = k as usize;
+            let Some((sum, of, count)) = own.get_mut(k.wrapping_sub(first)) else { continue };
+            if *of == view {
+                *count += 1.0;
+            } else {
+                if *count > 0.0 {
+                    *sum += toward(k, *of, *count);
+                }
+                (*of, *count) = (view, 1.0);
             }
-            (*of, *count) = (view, 1.0);
         }
+    });
+    let last = |(k, (sum, view, count)): (usize, (Vector3<f32>, u16, f32))| {
+        direction(&(sum + toward(k, view, count)))
+    };
+    seen.into_par_iter().enumerate().map(last).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_centroid_is_the_mean_of_its_voxel_and_no_other() {
+        // Voxels are laid from the lowest corner, which is the first point.
+        let near = |x: f32, y: f32| [[0.0, 0.0], [0.5, 0.25], [0.25, 0.5]].map(|[u, v]| [x + u, y + v, 7.0]);
+        let voxels = [near(0.0, 0.0), near(2.0, 0.0), near(1.0, 3.0)];
+        let points: Vec<Point3<f32>> = voxels.into_iter().rev().flatten().map(Point3::from).collect();
+        let expected = [[0.25, 0.25, 7.0], [2.25, 0.25, 7.0], [1.25, 3.25, 7.0]].map(Point3::from);
+        let found = centroids(&points, 1.0);
+        assert_eq!(found.len(), 3);
+        assert!(found.iter().zip(&expected).all(|(a, b)| (a - b).norm() < 1e-6), "{found:?}");
+        assert!(centroids(&[], 1.0).is_empty());
     }
-    let all = sums.iter().zip(latest).enumerate();
-    all.map(|(k, (sum, (view, count)))| direction(&(sum + toward(k, view, count)))).collect()
 }

@@ -4,9 +4,11 @@
 //! Queries outside the indexed box are clamped to its border cells.
 
 pub mod lanes;
+mod nearest;
 pub(crate) mod rows;
 pub mod sweep;
 
+use lanes::LANES;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use rows::{CellAt, Rows};
@@ -23,6 +25,7 @@ pub struct Grid {
     start: Vec<u32>,
     /// Index in the input of the point at each slot.
     order: Vec<u32>,
+    /// Coordinates by slot; padded, so that eight can be read from any slot on.
     x: Vec<f32>,
     y: Vec<f32>,
     z: Vec<f32>,
@@ -43,8 +46,8 @@ impl Grid {
         let (rows, at) = Rows::over(points, cell_mm);
         let (start, order) = sorted(&rows, &at);
         let mut columns = [const { Vec::new() }; 3];
-        columns.iter_mut().for_each(|column| column.resize(points.len(), 0.0));
-        let [x, y, z] = &mut columns;
+        columns.iter_mut().for_each(|column| column.resize(points.len() + LANES - 1, 0.0));
+        let [x, y, z] = columns.each_mut().map(|column| &mut column[..points.len()]);
         let places = (
             order.par_chunks(SHARE),
             x.par_chunks_mut(SHARE),
@@ -88,7 +91,7 @@ impl Grid {
 
     /// Coordinates of all slots, column by column.
     pub fn columns(&self) -> [&[f32]; 3] {
-        [&self.x, &self.y, &self.z]
+        [&self.x, &self.y, &self.z].map(|column| &column[..self.len()])
     }
 
     /// Number of table entries; every occupied cell has one.
@@ -151,116 +154,11 @@ impl Grid {
         });
     }
 
-    /// The nearest point to `q` that `accept`s, nearer than `radius_mm`: its slot and squared distance.
-    /// Of several at the same distance, the one with the least slot.
-    #[inline]
-    pub fn nearest(
-        &self,
-        q: &Point3<f32>,
-        radius_mm: f32,
-        mut accept: impl FnMut(usize) -> bool,
-    ) -> Option<(usize, f32)> {
-        if self.is_empty() {
-            return None;
-        }
-        let mut best = Best { slot: None, d2: radius_mm * radius_mm };
-        // The point's own stretch of row is the likeliest place, and bounds the rest.
-        let [x, y, z] = self.rows.cell(q);
-        self.scan(self.run(y, z, x.saturating_sub(1), x + 1), q, &mut best, &mut accept);
-        let mut reach = self.rows.cell_mm.min(radius_mm);
-        if best.slot.is_some() {
-            reach = best.d2.sqrt() * 1.000_001;
-        }
-        loop {
-            self.scan_ball(q, reach, &mut best, &mut accept);
-            if best.d2 <= reach * reach || reach >= radius_mm {
-                return best.slot.map(|slot| (slot, best.d2));
-            }
-            reach = (reach * 2.0).min(radius_mm);
-        }
-    }
-
-    /// The nearest accepted point within `radius_mm`, as [`Grid::nearest`], and a distance within which there is no other.
-    #[inline]
-    pub fn nearest_alone(
-        &self,
-        q: &Point3<f32>,
-        radius_mm: f32,
-        mut accept: impl FnMut(usize) -> bool,
-    ) -> (Option<(usize, f32)>, f32) {
-        let limit = radius_mm * radius_mm;
-        let mut reach = self.rows.cell_mm.min(radius_mm);
-        loop {
-            // Counted anew with each reach, else the nearest would be met twice and become its own second.
-            let (mut best, mut best_d2, mut second_d2) = (None, limit, limit);
-            self.runs(q, reach, |run| {
-                for slot in run {
-                    let d2 = self.squared_distance(slot, q);
-                    if d2 < second_d2 && accept(slot) {
-                        if d2 < best_d2 {
-                            (best, second_d2, best_d2) = (Some(slot), best_d2, d2);
-                        } else {
-                            second_d2 = d2;
-                        }
-                    }
-                }
-            });
-            if best_d2 <= reach * reach || reach >= radius_mm {
-                return (best.map(|slot| (slot, best_d2)), second_d2.sqrt().min(reach));
-            }
-            reach = (reach * 2.0).min(radius_mm);
-        }
-    }
-
-    /// Scans what may be nearer than both `reach` and the best so far.
-    #[inline]
-    fn scan_ball(
-        &self,
-        q: &Point3<f32>,
-        reach: f32,
-        best: &mut Best,
-        accept: &mut impl FnMut(usize) -> bool,
-    ) {
-        let near = Vector3::repeat(reach);
-        let (low, high) = (self.rows.cell(&(q - near)), self.rows.cell(&(q + near)));
-        for z in low[2]..=high[2] {
-            let dz = self.rows.gap_mm(q, 2, z);
-            for y in low[1]..=high[1] {
-                let dy = self.rows.gap_mm(q, 1, y);
-                if dy * dy + dz * dz <= best.d2 {
-                    self.scan(self.run(y, z, low[0], high[0]), q, best, accept);
-                }
-            }
-        }
-    }
-
-    #[inline]
-    fn scan(
-        &self,
-        run: Range<usize>,
-        q: &Point3<f32>,
-        best: &mut Best,
-        accept: &mut impl FnMut(usize) -> bool,
-    ) {
-        for slot in run {
-            let d2 = self.squared_distance(slot, q);
-            if (d2 < best.d2 || (d2 == best.d2 && best.slot.is_some_and(|b| slot < b))) && accept(slot) {
-                *best = Best { slot: Some(slot), d2 };
-            }
-        }
-    }
-
     #[inline]
     fn squared_distance(&self, slot: usize, q: &Point3<f32>) -> f32 {
         let (dx, dy, dz) = (self.x[slot] - q.x, self.y[slot] - q.y, self.z[slot] - q.z);
         dx * dx + dy * dy + dz * dz
     }
-}
-
-/// The nearest slot so far and its squared distance, or the bound where there is none.
-struct Best {
-    slot: Option<usize>,
-    d2: f32,
 }
 
 /// Counting sort of points by the entry of their cell: first slot of each entry, and the point at each slot.
@@ -283,31 +181,6 @@ fn sorted(rows: &Rows, at: &[CellAt]) -> (Vec<u32>, Vec<u32>) {
     }
     start.truncate(rows.entries() + 1);
     (start, order)
-}
-
-/// Exact centroid of the points in each occupied cell of `cell_mm`, in the order of the cells: without a sort, since
-/// nothing else is asked of the points.
-pub fn centroids(points: &[Point3<f32>], cell_mm: f32) -> Vec<Point3<f32>> {
-    let (rows, at) = Rows::over(points, cell_mm);
-    // Sums of the offsets from the cell's corner, and the number of points.
-    let mut sums = vec![[0f32; 4]; rows.entries()];
-    let ny = rows.cells[1] as u32;
-    for (p, at) in points.iter().zip(&at) {
-        let corner = rows.corner_mm([at.x, at.row % ny, at.row / ny].map(|k| k as usize));
-        let sum = &mut sums[rows.entry_of(at)];
-        *sum = [
-            sum[0] + (p.x - corner[0]),
-            sum[1] + (p.y - corner[1]),
-            sum[2] + (p.z - corner[2]),
-            sum[3] + 1.0,
-        ];
-    }
-    let occupied = rows.all().filter(|(entry, _)| sums[*entry][3] > 0.0);
-    let centroid = |(entry, at): (usize, [usize; 3])| {
-        let (corner, [x, y, z, count]) = (rows.corner_mm(at), sums[entry]);
-        Point3::new(corner[0] + x / count, corner[1] + y / count, corner[2] + z / count)
-    };
-    occupied.map(centroid).collect()
 }
 
 #[cfg(test)]
@@ -333,36 +206,6 @@ mod tests {
                     found,
                     points.iter().filter(|p| (*p - q).norm_squared() < radius * radius).count()
                 );
-            }
-        }
-    }
-
-    #[test]
-    fn nearest_is_the_nearest_accepted() {
-        let points = lattice();
-        let grid = Grid::new(&points, 2.0);
-        let q = Point3::new(0.4, 1.9, -2.2);
-        let odd = |i: usize| i % 2 == 1;
-        let (slot, d2) = grid.nearest(&q, 20.0, |slot| odd(grid.index(slot))).expect("there is one");
-        let expected = (0..points.len()).filter(|&i| odd(i)).map(|i| (points[i] - q).norm_squared());
-        assert_eq!(d2, expected.fold(f32::MAX, f32::min));
-        assert!(odd(grid.index(slot)));
-        assert!(grid.nearest(&q, 0.1, |_| true).is_none());
-    }
-
-    #[test]
-    fn no_other_point_is_within_the_distance_beside_the_nearest() {
-        let points = lattice();
-        let grid = Grid::new(&points, 2.0);
-        for q in [Point3::new(0.4, 1.9, -2.2), Point3::new(-9.0, 3.1, 4.4), Point3::new(1.5, 0.1, 0.7)] {
-            for radius in [0.3, 1.6, 7.0, 20.0] {
-                let (found, alone) = grid.nearest_alone(&q, radius, |_| true);
-                assert_eq!(found, grid.nearest(&q, radius, |_| true));
-                let own = found.map(|(slot, _)| grid.index(slot));
-                let others = (0..points.len()).filter(|&i| Some(i) != own);
-                let next = others.map(|i| (points[i] - q).norm()).fold(f32::MAX, f32::min);
-                assert!(alone <= next && alone <= radius, "{alone} {next}");
-                assert!(found.is_none_or(|(_, d2)| d2.sqrt() <= alone));
             }
         }
     }

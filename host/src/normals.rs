@@ -9,7 +9,7 @@ pub mod pointwise;
 
 use crate::cloud::{PointCloud, View};
 use crate::grid::Grid;
-use cells::{Cells, Sums};
+use cells::{Cells, Sums, Threes};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
@@ -69,6 +69,34 @@ pub struct Patches {
     pub noise_mm: f32,
 }
 
+/// The points of one cell, reduced to a patch.
+struct Patch {
+    position: Point3<f32>,
+    normal: Vector3<f32>,
+    fit: Scatter,
+    count: f32,
+}
+
+impl Patches {
+    /// Column by column.
+    fn of(found: Vec<Patch>) -> Self {
+        let column = |of: fn(&Patch) -> f32| found.iter().map(of).collect();
+        Self {
+            cloud: PointCloud {
+                points_mm: found.iter().map(|p| p.position).collect(),
+                normals: found.iter().map(|p| p.normal).collect(),
+                ..PointCloud::default()
+            },
+            variance_mm2: column(|p| p.fit.variance_mm2),
+            tilt_variance: column(|Patch { fit, .. }| {
+                CORRELATED_POINTS * fit.variance_mm2 / (fit.points * fit.middle_mm2)
+            }),
+            count: column(|p| p.count),
+            ..Self::default()
+        }
+    }
+}
+
 /// Patches of every view.
 pub fn of_views(views: &[View], config: &Config) -> Vec<Patches> {
     views.par_iter().map(|view| estimate(view, config)).collect()
@@ -97,52 +125,72 @@ const MIN_BREADTH: f32 = 0.1;
 /// Patches in cells of the given edge, and how many points have enough neighbours on all sides for a fit.
 fn in_cells(view: &View, spacing_mm: f32, cell_mm: f32, config: &Config) -> (Patches, f32) {
     let cells = Cells::new(&view.points_mm, cell_mm);
-    let cell_mm = cells.cell_mm();
-    // Windows of 3, 5 and 9 cells, the larger ones tapered.
-    let near = cells.widen(&cells.sums(), 1);
-    let wide = cells.widen(&near, 1);
-    let far = cells.widen(&wide, 2);
-    let narrow: Vec<Plane> = near.par_iter().map(Sums::plane).collect();
-    let mut sizes: Vec<f32> = narrow.iter().map(|p| p.variance_mm2).collect();
+    let windows = Windows::over(&cells);
+    let mut sizes: Vec<f32> = windows.narrow.iter().map(|fit| fit.variance_mm2).collect();
     let noise_mm2 = median(&mut sizes);
     // Noise grows with distance: the work is nearer than most of what is in view.
     let quarter = sizes.len() / 4;
     let quiet_mm2 =
         if sizes.is_empty() { 0.0 } else { *sizes.select_nth_unstable_by(quarter, f32::total_cmp).1 };
-    let mut patches = Patches { cell_mm, spacing_mm, noise_mm: quiet_mm2.sqrt(), ..Patches::default() };
-    let mut fitted = 0.0;
-    for (k, own) in cells.moments.iter().enumerate() {
-        if own.count < config.min_points as f32 || narrow[k].points < config.min_fit_points as f32 {
-            continue;
-        }
-        if narrow[k].middle_mm2 > MIN_BREADTH * cell_mm.powi(2) {
-            fitted += own.count;
-        }
-        let mut plane = narrow[k];
-        for (larger, overlap) in [(&wide[k], 27.0 / 4.0), (&far[k], 27.0 * 27.0 / 16.0)] {
-            let candidate = larger.plane();
-            if candidate.variance_mm2 > config.max_growth * plane.variance_mm2.max(noise_mm2) {
+    let enough = |k: &usize| {
+        let points = windows.narrow[*k].points;
+        cells.moments[*k].count >= config.min_points as f32 && points >= config.min_fit_points as f32
+    };
+    let broad = |k: &usize| windows.narrow[*k].middle_mm2 > MIN_BREADTH * cells.cell_mm().powi(2);
+    let fitted = (0..cells.len()).filter(|k| enough(k) && broad(k)).map(|k| cells.moments[k].count).sum();
+    let patch = |k: usize| {
+        let (fit, normal) = windows.widest(k, noise_mm2, config.max_growth);
+        let own = &cells.moments[k];
+        // The cell's own mean, not its foot on a larger plane: that would move curved surfaces inward.
+        let position = cells.centres_mm[k] + own.sum / own.count;
+        let along = normal.dot(&position.coords);
+        let grazing = (along / position.coords.norm()).abs() < config.min_incidence_cos;
+        let facing = if along > 0.0 { -normal } else { normal };
+        (!grazing).then_some(Patch { position, normal: facing, fit, count: own.count })
+    };
+    let found = (0..cells.len()).into_par_iter().filter(enough).filter_map(patch).collect();
+    let noise_mm = quiet_mm2.sqrt();
+    (Patches { cell_mm: cells.cell_mm(), spacing_mm, noise_mm, ..Patches::of(found) }, fitted)
+}
+
+/// Windows of 3, 5 and 9 cells about each cell, the larger ones tapered.
+struct Windows<'a> {
+    cells: &'a Cells,
+    near: Vec<Sums>,
+    narrow: Vec<Scatter>,
+    wide: Vec<Sums>,
+    /// Of which the largest are summed up when they are asked for.
+    far: Threes,
+}
+
+impl<'a> Windows<'a> {
+    fn over(cells: &'a Cells) -> Self {
+        let windows = |threes: &Threes| -> Vec<Sums> {
+            (0..cells.len()).into_par_iter().map(|k| cells.window(k, threes)).collect()
+        };
+        let mut far = Threes::default();
+        cells.add_threes(1, |k| cells.sums(k), &mut far);
+        let near = windows(&far);
+        cells.add_threes(1, |k| near[k], &mut far);
+        let wide = windows(&far);
+        cells.add_threes(2, |k| wide[k], &mut far);
+        let narrow = near.par_iter().map(Sums::scatter).collect();
+        Self { cells, near, narrow, wide, far }
+    }
+
+    /// The fit in the largest window in which the variance does not grow by more than `max_growth`, and its normal.
+    fn widest(&self, k: usize, noise_mm2: f32, max_growth: f32) -> (Scatter, Vector3<f32>) {
+        let (mut fit, mut sums) = (self.narrow[k], self.near[k]);
+        for (larger, overlap) in [(1, 27.0 / 4.0), (2, 27.0 * 27.0 / 16.0)] {
+            let window = if larger == 1 { self.wide[k] } else { self.cells.window(k, &self.far) };
+            let scatter = window.scatter();
+            if scatter.variance_mm2 > max_growth * fit.variance_mm2.max(noise_mm2) {
                 break;
             }
-            plane = Plane { points: candidate.points / overlap, ..candidate };
+            (fit, sums) = (Scatter { points: scatter.points / overlap, ..scatter }, window);
         }
-        let mean = own.sum / own.count;
-        // The cell's own mean, not its foot on a larger plane: that would move curved surfaces inward.
-        let position = cells.centres_mm[k] + mean;
-        let incidence_cos = (plane.normal.dot(&position.coords) / position.coords.norm()).abs();
-        if incidence_cos < config.min_incidence_cos {
-            continue;
-        }
-        let facing = if plane.normal.dot(&position.coords) > 0.0 { -plane.normal } else { plane.normal };
-        patches.cloud.points_mm.push(position);
-        patches.cloud.normals.push(facing);
-        patches.variance_mm2.push(plane.variance_mm2);
-        patches
-            .tilt_variance
-            .push(CORRELATED_POINTS * plane.variance_mm2 / (plane.points * plane.middle_mm2));
-        patches.count.push(own.count);
+        (fit, sums.normal(&fit))
     }
-    (patches, fitted)
 }
 
 /// Mean distance from a point to its nearest distinct neighbour, mm, from an even sample of the cloud; the paper's "average distance".
@@ -203,9 +251,6 @@ pub(crate) struct Plane {
     pub(crate) normal: Vector3<f32>,
     /// Variance about the plane.
     pub(crate) variance_mm2: f32,
-    /// Variance along the narrower direction in the plane.
-    pub(crate) middle_mm2: f32,
-    pub(crate) points: f32,
 }
 
 impl Moments {
@@ -225,21 +270,33 @@ impl Moments {
         let n = self.count.max(1.0);
         let mean = self.sum / n;
         let c = |k: usize, a: usize, b: usize| f64::from(self.second[k] / n - mean[a] * mean[b]);
-        Plane::new(mean, [c(0, 0, 0), c(1, 0, 1), c(2, 0, 2), c(3, 1, 1), c(4, 1, 2), c(5, 2, 2)], n)
+        let covariance = [c(0, 0, 0), c(1, 0, 1), c(2, 0, 2), c(3, 1, 1), c(4, 1, 2), c(5, 2, 2)];
+        let scatter = Scatter::new(&covariance, n);
+        Plane { mean, normal: scatter.normal(&covariance), variance_mm2: scatter.variance_mm2 }
     }
 }
 
-impl Plane {
-    /// From the scatter (xx xy xz yy yz zz) of so many points about their mean.
-    fn new(mean: Vector3<f32>, scatter: [f64; 6], points: f32) -> Self {
-        let eigen = smallest_eigen(scatter);
-        Self {
-            mean,
-            normal: eigen.vector.cast(),
-            variance_mm2: eigen.least.max(1e-9) as f32,
-            middle_mm2: eigen.middle.max(1e-6) as f32,
-            points,
-        }
+/// How points scatter about their mean: what is asked of many fits; the normal is found for those that are taken.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Scatter {
+    least: f64,
+    /// Variance about the fitted plane.
+    pub(crate) variance_mm2: f32,
+    /// Variance along the narrower direction in the plane.
+    pub(crate) middle_mm2: f32,
+    pub(crate) points: f32,
+}
+
+impl Scatter {
+    /// From a covariance matrix: xx xy xz yy yz zz.
+    pub(crate) fn new(covariance: &[f64; 6], points: f32) -> Self {
+        let [least, middle] = lesser_eigenvalues(covariance);
+        Self { least, variance_mm2: least.max(1e-9) as f32, middle_mm2: middle.max(1e-6) as f32, points }
+    }
+
+    /// Unit normal of the fitted plane, given the matrix again.
+    pub(crate) fn normal(&self, covariance: &[f64; 6]) -> Vector3<f32> {
+        eigenvector(covariance, self.least).cast()
     }
 }
 
@@ -255,45 +312,47 @@ pub struct Eigen {
 }
 
 /// Eigen-decomposition of a symmetric matrix (xx xy xz yy yz zz) as far as a plane fit needs it.
-///
-/// The characteristic polynomial of the matrix less its mean, scaled, is `x³ - 3x - det` (Smith 1961). Below its least root it
-/// is concave and rises, so Newton's steps from -2 reach that root from one side; the other two solve a quadratic. The
-/// vector is the longest cross product of two rows of the matrix less its eigenvalue.
-pub fn smallest_eigen([a, b, c, d, e, f]: [f64; 6]) -> Eigen {
-    let mean = (a + d + f) / 3.0;
-    let off = b * b + c * c + e * e;
-    let spread = ((a - mean).powi(2) + (d - mean).powi(2) + (f - mean).powi(2) + 2.0 * off) / 6.0;
-    let scale = spread.sqrt();
-    if scale <= 1e-12 * mean.abs() || scale == 0.0 {
-        return Eigen { vector: Vector3::z(), least: mean, middle: mean };
-    }
-    let per = 1.0 / scale;
-    let (p, q, r) = ((a - mean) * per, (d - mean) * per, (f - mean) * per);
-    let (s, t, u) = (b * per, c * per, e * per);
-    let det = p * (q * r - u * u) - s * (s * r - u * t) + t * (s * u - q * t);
-    let root = least_root(det.clamp(-2.0, 2.0));
-    let least = mean + scale * root;
-    let middle = mean - 0.5 * scale * (root + (12.0 - 3.0 * root * root).max(0.0).sqrt());
-    let rows = [Vector3::new(a - least, b, c), Vector3::new(b, d - least, e), Vector3::new(c, e, f - least)];
-    let crosses = [rows[0].cross(&rows[1]), rows[0].cross(&rows[2]), rows[1].cross(&rows[2])];
-    let longest = crosses.into_iter().max_by(|x, y| x.norm_squared().total_cmp(&y.norm_squared()));
-    let vector = longest.and_then(|v| v.try_normalize(0.0)).unwrap_or_else(Vector3::z);
-    Eigen { vector, least, middle }
+pub fn smallest_eigen(matrix: [f64; 6]) -> Eigen {
+    let [least, middle] = lesser_eigenvalues(&matrix);
+    Eigen { vector: eigenvector(&matrix, least), least, middle }
 }
 
-/// Least root of `x³ - 3x - det`, for `det` between -2 and 2.
-fn least_root(det: f64) -> f64 {
-    // The step halves the error near a double root, so this many leave less than rounding does there.
-    const MOST_STEPS: usize = 30;
-    // First step from -2, where the slope is 9.
-    let mut x = -2.0 + (det + 2.0) / 9.0;
-    for _ in 0..MOST_STEPS {
-        let slope = 3.0 * (x * x - 1.0);
-        let step = (x * (x * x - 3.0) - det) / slope;
-        if slope <= 0.0 || step > -1e-15 {
-            break;
-        }
-        x -= step;
+/// The least and the middle eigenvalue.
+///
+/// The characteristic polynomial of the matrix less its mean, scaled, is `x³ - 3x - det` (Smith 1961); its other two roots
+/// solve a quadratic.
+fn lesser_eigenvalues([a, b, c, d, e, f]: &[f64; 6]) -> [f64; 2] {
+    let mean = (a + d + f) / 3.0;
+    let (p, q, r) = (a - mean, d - mean, f - mean);
+    let spread = (p * p + q * q + r * r + 2.0 * (b * b + c * c + e * e)) / 6.0;
+    let scale = spread.sqrt();
+    if scale <= 1e-12 * mean.abs() || scale == 0.0 {
+        return [mean; 2];
     }
-    x
+    let per = 1.0 / scale;
+    let (p, q, r, s, t, u) = (p * per, q * per, r * per, b * per, c * per, e * per);
+    let det = p * (q * r - u * u) - s * (s * r - u * t) + t * (s * u - q * t);
+    let root = least_root(det.clamp(-2.0, 2.0));
+    [mean + scale * root, mean - 0.5 * scale * (root + (12.0 - 3.0 * root * root).max(0.0).sqrt())]
+}
+
+/// Unit eigenvector of an eigenvalue: the longest cross product of two rows of the matrix less it; z for a multiple of 1.
+fn eigenvector([a, b, c, d, e, f]: &[f64; 6], value: f64) -> Vector3<f64> {
+    let rows =
+        [Vector3::new(a - value, *b, *c), Vector3::new(*b, d - value, *e), Vector3::new(*c, *e, f - value)];
+    let crosses = [rows[0].cross(&rows[1]), rows[0].cross(&rows[2]), rows[1].cross(&rows[2])];
+    let longest = crosses.into_iter().max_by(|x, y| x.norm_squared().total_cmp(&y.norm_squared()));
+    longest.and_then(|v| v.try_normalize(0.0)).unwrap_or_else(Vector3::z)
+}
+
+/// Least root of `x³ - 3x - det`, for `det` between -2 and 2: two steps of Newton's from a start that is right to 1.5e-4.
+///
+/// With `s² = 2 - det` the root is `-1 - s g(s)`, where `g` is smooth also at the double root, `s = 0`, and a cubic fits it.
+/// The error of the start is proportional to `s`, as is the slope, so that the steps converge there, too.
+fn least_root(det: f64) -> f64 {
+    let s = (2.0 - det).sqrt();
+    let g = 0.577_263_773 + s * (-0.054_589_266 + s * (0.010_810_3 - s * 0.001_424_887));
+    let step = |x: f64| x - (x * (x * x - 3.0) - det) / (3.0 * (x * x - 1.0)).max(f64::MIN_POSITIVE);
+    let start = -1.0 - s * g;
+    if s < 1e-7 { start } else { step(step(start)) }
 }

@@ -47,6 +47,8 @@ pub(crate) struct Pair {
     pub(crate) target: Vec<Point3<f32>>,
     pub(crate) source: Vec<Point3<f32>>,
     pub(crate) target_from_source: Isometry3<f64>,
+    /// Where the target and the source, before it was moved, were seen from.
+    pub(crate) cameras_mm: [Vector3<f64>; 2],
 }
 
 /// A pair 60 degrees apart in a general pose, the source moved by 2 mm and 0.5 degrees.
@@ -70,6 +72,7 @@ pub(crate) fn pipe_pair(points: usize) -> Pair {
         * Isometry3::from_parts(Translation3::identity(), turn([0.3, -0.5, 0.8], 0.5))
         * about(-centre);
     Pair {
+        cameras_mm: views.map(|toward| (base * Point3::from(toward * 600.0)).coords),
         target: target.iter().map(|p| p.cast()).collect(),
         source: source.iter().map(|p| (moved * p).cast()).collect(),
         target_from_source: moved.inverse(),

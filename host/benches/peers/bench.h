@@ -1,7 +1,9 @@
 // What every C++ peer shares: the cloud, CPU time, and one JSON line per stage.
 #pragma once
 #include <array>
+#include <cmath>
 #include <cstdio>
+#include <cstdlib>
 #include <ctime>
 #include <fstream>
 #include <functional>
@@ -24,21 +26,24 @@ inline double cpu_ms() {
     return 1e3 * t.tv_sec + 1e-6 * t.tv_nsec;
 }
 
-// Runs `work` once to warm up and three times for the record (once where a run takes long); `check` is a JSON object.
+// Runs `work` once to warm up and three times for the record, or only once where a run takes long; `check` is a JSON
+// object. The stages named in the variable SKIP, separated by semicolons, are left out.
 inline void stage(const char* peer, const char* name, std::function<void()> work, std::function<std::string()> check) {
-    double begin = cpu_ms();
-    work();
-    int runs = cpu_ms() - begin > 3000 ? 1 : 3;
-    printf("{\"peer\":\"%s\",\"stage\":\"%s\",\"cpu_ms\":[", peer, name);
-    for (int i = 0; i < runs; i++) {
-        begin = cpu_ms();
+    const char* skip = getenv("SKIP");
+    if (skip && (";" + std::string(skip) + ";").find(";" + std::string(name) + ";") != std::string::npos) return;
+    std::vector<double> took;
+    do {
+        const double begin = cpu_ms();
         work();
-        printf("%s%.3f", i ? "," : "", cpu_ms() - begin);
-    }
+        took.push_back(cpu_ms() - begin);
+    } while (took.size() < 4 && took[0] <= 1000);
+    if (took.size() > 1) took.erase(took.begin());
+    printf("{\"peer\":\"%s\",\"stage\":\"%s\",\"cpu_ms\":[", peer, name);
+    for (size_t i = 0; i < took.size(); i++) printf("%s%.3f", i ? "," : "", took[i]);
     printf("],\"check\":%s}\n", check().c_str());
     fflush(stdout);
 }
 
 inline std::string number(const char* name, double value) {
-    return std::string("{\"") + name + "\":" + std::to_string(value) + "}";
+    return std::string("{\"") + name + "\":" + (std::isfinite(value) ? std::to_string(value) : "null") + "}";
 }

@@ -31,13 +31,19 @@ int main(int, char** argv) {
     stage("PCL", "load ply", [&] { pcl::io::loadPLYFile(dir + "/butt.ply", *cloud); }, size);
     stage("PCL", "load pcd", [&] { pcl::io::loadPCDFile(dir + "/butt.pcd", *cloud); }, size);
     Cloud thin;
+    Cloud::Ptr cornered(new Cloud);
+    for (const auto& p : points(dir + "/cornered.f32")) cornered->emplace_back(p[0], p[1], p[2]);
     auto voxels = [&] {
         pcl::VoxelGrid<pcl::PointXYZ> grid;
-        grid.setInputCloud(cloud);
+        grid.setInputCloud(cornered);
         grid.setLeafSize(1, 1, 1);
         grid.filter(thin);
     };
-    stage("PCL", "voxel grid", voxels, [&] { return number("voxels", thin.size()); });
+    stage("PCL", "voxel grid", voxels, [&] {
+        double z = 0;
+        for (const auto& p : thin) z += p.z;
+        return "{\"voxels\":" + std::to_string(thin.size()) + ",\"mean_z_mm\":" + std::to_string(z / thin.size()) + "}";
+    });
     stage("PCL", "index", [&] { pcl::KdTreeFLANN<pcl::PointXYZ> tree; tree.setInputCloud(cloud); }, [] { return "null"; });
     pcl::KdTreeFLANN<pcl::PointXYZ> tree(false);
     tree.setInputCloud(cloud);

@@ -3,8 +3,9 @@
 //! Cells lie in rows along x. A row keeps entries only between its first and last occupied cell, so a surface, which
 //! crosses each row in a few places, takes little memory, and so do far outliers.
 
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
+use wide::f32x4;
 
 /// Table entries per point at most; beyond that the cells grow.
 const MAX_ENTRIES_PER_POINT: usize = 8;
@@ -51,7 +52,7 @@ impl Rows {
         loop {
             let cells =
                 [0, 1, 2].map(|k| (f64::from(high_mm[k] - low_mm[k]) / f64::from(cell_mm)) as usize + 1);
-            if cells[0] < u32::MAX as usize && cells[1].saturating_mul(cells[2]) <= budget {
+            if cells[0] < i32::MAX as usize && cells[1].saturating_mul(cells[2]) <= budget {
                 let slack_mm = 8.0 * f32::EPSILON * (farthest + cell_mm);
                 let mut rows =
                     Self { low_mm, cell_mm, per_mm: 1.0 / cell_mm, slack_mm, cells, rows: Vec::new() };
@@ -101,6 +102,11 @@ impl Rows {
         (self.rows[row], self.rows[row + 1].entry)
     }
 
+    /// First entry of each row, and where its entries end.
+    pub(crate) fn spans(&self) -> impl Iterator<Item = (u32, u32)> + '_ {
+        self.rows.windows(2).map(|w| (w[0].entry, w[1].entry))
+    }
+
     /// Entries and places of all cells that have one, in order.
     pub(crate) fn all(&self) -> impl Iterator<Item = (usize, [usize; 3])> + '_ {
         let ny = self.cells[1];
@@ -112,10 +118,16 @@ impl Rows {
         })
     }
 
-    /// Low corner of a cell, mm.
-    #[inline]
-    pub(crate) fn corner_mm(&self, at: [usize; 3]) -> [f32; 3] {
-        [0, 1, 2].map(|k| self.low_mm[k] + at[k] as f32 * self.cell_mm)
+    /// Passes over a table with a number per entry, and replaces those that are not 0 by what `number` makes of the cell's place.
+    pub(crate) fn for_each_marked(&self, table: &mut [u32], mut number: impl FnMut([usize; 3]) -> u32) {
+        let ny = self.cells[1];
+        for (row, w) in self.rows.windows(2).enumerate() {
+            let (y, z) = (row % ny, row / ny);
+            let entries = &mut table[w[0].entry as usize..w[1].entry as usize];
+            for (x, marked) in entries.iter_mut().enumerate().filter(|(_, mark)| **mark > 0) {
+                *marked = number([w[0].first_x as usize + x, y, z]);
+            }
+        }
     }
 
     /// Centre of a cell, mm.
@@ -124,17 +136,31 @@ impl Rows {
         Point3::from([0, 1, 2].map(|k| self.low_mm[k] + (at[k] as f32 + 0.5) * self.cell_mm))
     }
 
-    /// The cell of a place along an axis; outside the box, the border cell.
-    #[inline]
-    pub(crate) fn along(&self, axis: usize, mm: f32) -> usize {
-        // A negative float becomes 0 in the conversion, so both ends are clamped.
-        (((mm - self.low_mm[axis]) * self.per_mm) as usize).min(self.cells[axis] - 1)
-    }
-
     /// The cell of a place; outside the box, the border cell.
     #[inline]
     pub(crate) fn cell(&self, p: &Point3<f32>) -> [usize; 3] {
-        [0, 1, 2].map(|k| self.along(k, p[k]))
+        // What is too large for the conversion becomes a large number or, read as unsigned, 2^31.
+        let at = self.cells_from_low(p).fast_trunc_int().to_array();
+        [0, 1, 2].map(|k| (at[k] as u32 as usize).min(self.cells[k] - 1))
+    }
+
+    /// How many cells a place lies from the low corner along each axis, at least 0.
+    #[inline(always)]
+    fn cells_from_low(&self, p: &Point3<f32>) -> f32x4 {
+        let [x, y, z] = self.low_mm;
+        let from_low = f32x4::new([p.x, p.y, p.z, 0.0]) - f32x4::new([x, y, z, 0.0]);
+        (from_low * self.per_mm).fast_max(f32x4::ZERO)
+    }
+
+    /// One of the points that the rows were laid over, relative to the centre of its cell, mm: without a look at memory.
+    #[inline]
+    pub(crate) fn offset_in_cell(&self, p: &Point3<f32>) -> Vector3<f32> {
+        let ([x, y, z], [nx, ny, nz]) = (self.low_mm, self.cells.map(|cells| (cells - 1) as f32));
+        let at =
+            self.cells_from_low(p).fast_trunc_int().round_float().fast_min(f32x4::new([nx, ny, nz, 0.0]));
+        let centre = f32x4::new([x, y, z, 0.0]) + (at + 0.5) * self.cell_mm;
+        let [x, y, z, _] = (f32x4::new([p.x, p.y, p.z, 0.0]) - centre).to_array();
+        Vector3::new(x, y, z)
     }
 
     fn cell_at(&self, p: &Point3<f32>) -> CellAt {

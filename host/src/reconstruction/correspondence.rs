@@ -12,6 +12,8 @@ const NONE: u32 = u32::MAX;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Match {
     slot: u32,
+    /// The partner itself, so that a match that stands touches no memory but its own.
+    hit: Point3<f32>,
     /// Where it was searched from, and how far from there it stays the nearest.
     from: Point3<f32>,
     slack_mm: f32,
@@ -19,9 +21,12 @@ pub(super) struct Match {
 
 impl Match {
     /// Not searched yet.
-    pub(super) const NEW: Self = Self { slot: NONE, from: Point3::new(0.0, 0.0, 0.0), slack_mm: -1.0 };
+    pub(super) const NEW: Self = {
+        let origin = Point3::new(0.0, 0.0, 0.0);
+        Self { slot: NONE, hit: origin, from: origin, slack_mm: -1.0 }
+    };
 
-    /// The accepted point nearest to `q` and nearer than `gate_mm`: its slot and squared distance.
+    /// The accepted point nearest to `q` and nearer than `gate_mm`: its slot and where it is.
     ///
     /// `gate_mm` must not grow from call to call. What `accept` says is taken as long as the match stands.
     #[inline]
@@ -31,23 +36,22 @@ impl Match {
         q: &Point3<f32>,
         gate_mm: f32,
         accept: impl FnMut(usize) -> bool,
-    ) -> Option<(usize, f32)> {
+    ) -> Option<(usize, Point3<f32>)> {
         let stands = self.slack_mm > 0.0 && (q - self.from).norm_squared() < self.slack_mm * self.slack_mm;
         if !stands {
             self.search(grid, q, gate_mm, accept);
         }
-        let slot = (self.slot != NONE).then_some(self.slot as usize)?;
-        let d2 = (grid.point(slot) - q).norm_squared();
-        (d2 < gate_mm * gate_mm).then_some((slot, d2))
+        let near = self.slot != NONE && (self.hit - q).norm_squared() < gate_mm * gate_mm;
+        near.then_some((self.slot as usize, self.hit))
     }
 
     fn search(&mut self, grid: &Grid, q: &Point3<f32>, gate_mm: f32, accept: impl FnMut(usize) -> bool) {
         // A little farther than asked, so that what lies just outside needs no search at the next step.
         let (found, alone_mm) = grid.nearest_alone(q, gate_mm + 0.5 * grid.cell_mm(), accept);
         self.from = *q;
-        (self.slot, self.slack_mm) = match found {
-            Some((slot, d2)) => (slot as u32, 0.5 * (alone_mm - d2.sqrt())),
-            None => (NONE, alone_mm - gate_mm),
+        (self.slot, self.hit, self.slack_mm) = match found {
+            Some((slot, d2)) => (slot as u32, grid.point(slot), 0.5 * (alone_mm - d2.sqrt())),
+            None => (NONE, self.hit, alone_mm - gate_mm),
         };
     }
 }

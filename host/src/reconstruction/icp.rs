@@ -4,7 +4,7 @@
 //! system, and applies them as full rotations, left-multiplied. Residuals are weighted by Geman-McClure.
 
 use super::correspondence::Match;
-use super::source::Source;
+use super::source::{Source, Surface};
 use super::system::{Block, Pair, System};
 use super::{Config, Registration};
 use crate::cloud::View;
@@ -85,8 +85,8 @@ impl Problem {
         let reported: Vec<_> = views.iter().map(|v| v.base_from_camera).collect();
         let (mut sum, mut count) = (Vector3::zeros(), 0.0);
         for (source, pose) in sources.iter().zip(&reported) {
-            for &(slot, _) in &source.sample {
-                sum += (pose * source.grid.point(slot as usize).cast::<f64>()).coords;
+            for sample in &source.sample {
+                sum += (pose * sample.point.cast::<f64>()).coords;
                 count += 1.0;
             }
         }
@@ -216,9 +216,8 @@ impl Problem {
     fn spread_mm(&self) -> f64 {
         let (mut sum, mut count) = (0.0, 0.0);
         for (source, pose) in self.sources.iter().zip(&self.poses) {
-            for &(slot, _) in source.sample.iter().step_by(16) {
-                sum +=
-                    (pose * source.grid.point(slot as usize).cast::<f64>() - self.centre_mm).norm_squared();
+            for sample in source.sample.iter().step_by(16) {
+                sum += (pose * sample.point.cast::<f64>() - self.centre_mm).norm_squared();
                 count += 1.0;
             }
         }
@@ -240,24 +239,21 @@ impl Tie {
         let motion = Motion::new(&(poses[self.j].inverse() * poses[self.i]));
         let centre = poses[self.j].inverse_transform_point(centre_mm).cast::<f32>();
         self.pairs.clear();
-        for (&(slot, thinned), partner) in source.sample.iter().zip(&mut self.matches).step_by(thin) {
-            let slot = slot as usize;
-            let q = motion.apply(&source.grid.point(slot));
-            let facing = motion.turn * source.normals[slot];
-            let same_side = |s: usize| target.normals[s].dot(&facing) > MIN_NORMAL_DOT;
-            let Some((hit, d2)) = partner.find(&target.grid, &q, gate_mm, same_side) else { continue };
-            let (normal, above) = (target.normals[hit], q - target.grid.point(hit));
+        for (sample, partner) in source.sample.iter().zip(&mut self.matches).step_by(thin) {
+            let (q, facing) = (motion.apply(&sample.point), motion.turn * sample.normal);
+            let same_side = |s: usize| target.surfaces[s].normal.dot(&facing) > MIN_NORMAL_DOT;
+            let Some((slot, hit)) = partner.find(&target.grid, &q, gate_mm, same_side) else { continue };
+            let (Surface { normal, variance_mm2, tilt_variance }, above) = (target.surfaces[slot], q - hit);
             let residual_mm = normal.dot(&above);
-            let aside = (d2 - residual_mm * residual_mm).max(0.0);
-            let tilt = target.tilt_variance[hit];
-            let variance = source.variance_mm2[slot] + target.variance_mm2[hit] + tilt * aside;
+            let aside = (above.norm_squared() - residual_mm * residual_mm).max(0.0);
+            let variance = sample.variance_mm2 + variance_mm2 + tilt_variance * aside;
             self.pairs.push(Pair {
                 arm: q - centre,
                 normal,
                 residual_mm,
                 own_normal: facing,
                 own_residual_mm: facing.dot(&above),
-                weight: thin as f32 * thinned / (variance * REPEATED_PAIRS),
+                weight: thin as f32 * sample.weight / (variance * REPEATED_PAIRS),
             });
         }
     }
@@ -276,9 +272,10 @@ impl Tie {
         let asked = source.sample.iter().step_by(FITNESS_STEP);
         asked
             .zip(&mut self.nearest)
-            .map(|(&(slot, _), partner)| {
-                let q = motion.apply(&source.grid.point(slot as usize));
-                partner.find(&target.grid, &q, reach, |_| true).map_or(f32::INFINITY, |(_, d2)| d2)
+            .map(|(sample, partner)| {
+                let q = motion.apply(&sample.point);
+                let found = partner.find(&target.grid, &q, reach, |_| true);
+                found.map_or(f32::INFINITY, |(_, hit)| (q - hit).norm_squared())
             })
             .collect()
     }

@@ -141,8 +141,8 @@ impl Pair {
                 let mut sum = Sum::default();
                 for (k, partner) in matches.iter_mut().enumerate() {
                     let q = turn * source.point(chunk * CHUNK + k) + shift;
-                    if let Some((slot, _)) = partner.find(target, &q, gate_mm, |_| true) {
-                        sum.add(&q, &normals[slot], normals[slot].dot(&(q - target.point(slot))));
+                    if let Some((slot, hit)) = partner.find(target, &q, gate_mm, |_| true) {
+                        sum.add(&q, &normals[slot], normals[slot].dot(&(q - hit)));
                     }
                 }
                 sum

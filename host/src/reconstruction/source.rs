@@ -2,7 +2,7 @@
 
 use crate::grid::Grid;
 use crate::normals::{Patches, median};
-use nalgebra::Vector3;
+use nalgebra::{Point3, Vector3};
 
 /// Patches are matched only where the surface is flat to this many noise deviations.
 const MAX_BEND: f32 = 2.0;
@@ -10,14 +10,29 @@ const MAX_BEND: f32 = 2.0;
 /// One view's patches, ready to be matched.
 pub(super) struct Source {
     pub(super) grid: Grid,
-    /// Normal per slot of the grid.
-    pub(super) normals: Vec<Vector3<f32>>,
-    /// Variance of a patch's height, mm², per slot.
-    pub(super) variance_mm2: Vec<f32>,
-    /// Variance of a normal's tilt, rad², per slot.
-    pub(super) tilt_variance: Vec<f32>,
-    /// Slots that are matched, and the weight that makes up for the ones left out.
-    pub(super) sample: Vec<(u32, f32)>,
+    /// Per slot of the grid.
+    pub(super) surfaces: Vec<Surface>,
+    /// Those that are matched.
+    pub(super) sample: Vec<Sample>,
+}
+
+/// What a pair needs to know of a patch beside its place: read together, at random places.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Surface {
+    pub(super) normal: Vector3<f32>,
+    /// Variance of the patch's height, mm².
+    pub(super) variance_mm2: f32,
+    /// Variance of the normal's tilt, rad².
+    pub(super) tilt_variance: f32,
+}
+
+/// A patch that is matched, and the weight that makes up for the ones left out.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Sample {
+    pub(super) point: Point3<f32>,
+    pub(super) normal: Vector3<f32>,
+    pub(super) variance_mm2: f32,
+    pub(super) weight: f32,
 }
 
 impl Source {
@@ -29,26 +44,37 @@ impl Source {
             .collect();
         let points: Vec<_> = flat.iter().map(|&k| patches.cloud.points_mm[k]).collect();
         let grid = Grid::new(&points, 2.0 * patches.cell_mm);
-        let at = |slot: usize| flat[grid.index(slot)];
-        let normals: Vec<_> = (0..grid.len()).map(|s| patches.cloud.normals[at(s)]).collect();
-        let variance_mm2 = (0..grid.len())
-            .map(|s| 5.5 * patches.variance_mm2[at(s)].max(0.25 * noise) / patches.count[at(s)])
-            .collect();
-        let tilt_variance = (0..grid.len()).map(|s| patches.tilt_variance[at(s)]).collect();
-        let sample = spread_over_normals(&normals, sample);
-        Self { grid, normals, variance_mm2, tilt_variance, sample }
+        let surface = |slot: usize| {
+            let k = flat[grid.index(slot)];
+            Surface {
+                normal: patches.cloud.normals[k],
+                variance_mm2: 5.5 * patches.variance_mm2[k].max(0.25 * noise) / patches.count[k],
+                tilt_variance: patches.tilt_variance[k],
+            }
+        };
+        let surfaces: Vec<Surface> = (0..grid.len()).map(surface).collect();
+        let normals = surfaces.iter().map(|surface| surface.normal);
+        let sample = spread_over_normals(normals, sample).into_iter().map(|(slot, weight)| {
+            let Surface { normal, variance_mm2, .. } = surfaces[slot as usize];
+            Sample { point: grid.point(slot as usize), normal, variance_mm2, weight }
+        });
+        let sample = sample.collect();
+        Self { grid, surfaces, sample }
     }
 }
 
 /// A sample in which rare directions are kept whole and common ones thinned, each with the weight that makes up for it.
-pub(crate) fn spread_over_normals(normals: &[Vector3<f32>], sample: usize) -> Vec<(u32, f32)> {
+pub(crate) fn spread_over_normals(
+    normals: impl IntoIterator<Item = Vector3<f32>>,
+    sample: usize,
+) -> Vec<(u32, f32)> {
     let bin = |n: &Vector3<f32>| {
         let c = |v: f32| ((v * 3.0).round() as i32 + 3) as usize;
         (c(n.x) * 7 + c(n.y)) * 7 + c(n.z)
     };
     let mut members: Vec<Vec<u32>> = vec![Vec::new(); 343];
-    for (slot, n) in normals.iter().enumerate() {
-        members[bin(n)].push(slot as u32);
+    for (slot, normal) in normals.into_iter().enumerate() {
+        members[bin(&normal)].push(slot as u32);
     }
     members.retain(|m| !m.is_empty());
     // Fill the smallest bins first; what they leave over is shared by the larger.

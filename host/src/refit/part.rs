@@ -51,8 +51,8 @@ impl Part {
 
 /// So many patches, taken in turn from every direction that they face.
 pub(super) fn sample(patches: &[Patch], count: usize) -> Vec<Patch> {
-    let normals: Vec<Vector3<f32>> = patches.iter().map(|(_, n)| n.cast()).collect();
-    spread_over_normals(&normals, count).into_iter().map(|(k, _)| patches[k as usize]).collect()
+    let normals = patches.iter().map(|(_, n)| n.cast());
+    spread_over_normals(normals, count).into_iter().map(|(k, _)| patches[k as usize]).collect()
 }
 
 /// At most about `count` of the patches, evenly.

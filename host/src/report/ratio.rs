@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use weldpath_core::seam::{Tensor, gradient};
 
 /// Points in the histogram.
-const SAMPLE: usize = 2000;
+const SAMPLE: usize = 1000;
 /// They are taken so many side by side, which share most of their neighbours, and the gradients there.
 const CLUMP: usize = 16;
 /// Radius of the neighbourhoods, voxels, as for the intensities.
@@ -64,9 +64,9 @@ mod tests {
             let (x, y) = ((k % 40) as f32, (k / 40) as f32);
             Point3::new(x, y, 0.3 * (0.7 * x).sin() * (0.4 * y).cos())
         };
-        let points_mm: Vec<_> = (0..1600).map(bump).collect();
-        let cloud = PointCloud { points_mm, normals: vec![Vector3::z(); 1600], ..PointCloud::default() };
-        let toward_camera = vec![Vector3::z(); 1600];
+        let points_mm: Vec<_> = (0..960).map(bump).collect();
+        let cloud = PointCloud { points_mm, normals: vec![Vector3::z(); 960], ..PointCloud::default() };
+        let toward_camera = vec![Vector3::z(); 960];
         let voxels = Voxels { cloud: cloud.clone(), edge_mm: 1.0, toward_camera, ..Voxels::default() };
         let (merged, model) = (&Merged::default(), &cloud);
         let grid = Grid::new(&cloud.points_mm, 4.0);

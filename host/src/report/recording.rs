@@ -14,7 +14,7 @@ use weldpath_core::seam::RatioThreshold;
 
 /// Most points of the model and of the raw scan in the page.
 const MODEL_POINTS: usize = 300_000;
-const RAW_POINTS: usize = 200_000;
+const RAW_POINTS: usize = 100_000;
 /// Distances to the nearest neighbour in the histogram of the spacing.
 const SPACING_SAMPLE: usize = 4000;
 /// A raw point has the normal and the intensity of the model's nearest point, within so many voxels.

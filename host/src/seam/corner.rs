@@ -4,8 +4,10 @@
 //! planes by a few rounds of assignment and fit; the candidate is moved onto the line in which they intersect.
 
 use crate::grid::Grid;
+use crate::grid::lanes::LANES;
 use crate::normals::Moments;
 use nalgebra::{Point3, Vector3};
+use wide::f32x8;
 
 /// When a fit is a corner.
 #[derive(Debug, Clone, Copy)]
@@ -126,7 +128,11 @@ fn seeds(points: &[Near]) -> Option<[Vector3<f32>; 2]> {
         return None;
     }
     let step = (points.len() / 24).max(1);
-    let support = |n: &Vector3<f32>| points.iter().filter(|p| p.normal.dot(n) > AGREE).count();
+    let normals = in_lanes(points);
+    let agree = |n: &Vector3<f32>, [x, y, z]: &[f32x8; 3]| {
+        (*x * n.x + *y * n.y + *z * n.z).simd_gt(f32x8::splat(AGREE)).to_bitmask().count_ones()
+    };
+    let support = |n: &Vector3<f32>| normals.iter().map(|eight| agree(n, eight)).sum::<u32>();
     let best = |differs: &dyn Fn(&Vector3<f32>) -> bool| {
         let tried = points.iter().step_by(step).map(|p| p.normal).filter(|n| differs(n));
         tried.map(|n| (support(&n), n)).max_by_key(|(count, _)| *count)
@@ -134,6 +140,18 @@ fn seeds(points: &[Near]) -> Option<[Vector3<f32>; 2]> {
     let (_, first) = best(&|_| true)?;
     let (count, second) = best(&|n| n.dot(&first).abs() <= DIFFER)?;
     (count >= 6).then_some([first, second])
+}
+
+/// The points' normals, eight at a time; 0 beyond the last.
+fn in_lanes(points: &[Near]) -> Vec<[f32x8; 3]> {
+    let eight = |near: &[Near]| {
+        [0, 1, 2].map(|axis| {
+            let mut lanes = [0.0; LANES];
+            lanes.iter_mut().zip(near).for_each(|(lane, p)| *lane = p.normal[axis]);
+            f32x8::new(lanes)
+        })
+    };
+    points.chunks(LANES).map(eight).collect()
 }
 
 /// Assigns points to the nearer face and fits both; by normals until there are planes.

@@ -265,7 +265,9 @@ pub(super) struct Station {
 impl Section {
     fn new(merged: &Merged, near: &[u32], path: &Path, voxel_mm: f32, config: &Config, round: usize) -> Self {
         let most_mm = config.reach * voxel_mm;
-        let all = beside(merged, near, &path.frames, path.closed, path.step_mm, most_mm + 2.5 * voxel_mm);
+        // Nothing farther along and off a face is used.
+        let reach_mm = most_mm.hypot(WIDE_GATE * voxel_mm);
+        let all = beside(merged, near, &path.frames, path.closed, path.step_mm, reach_mm);
         let mut cosines: Vec<f32> = path.frames.iter().map(|f| f.faces[0].dot(&f.faces[1])).collect();
         let opening_deg = 180.0 - median(&mut cosines).clamp(-1.0, 1.0).acos().to_degrees();
         let root_mm = voxel_mm * if opening_deg < ACUTE_DEG { config.acute_root } else { config.root };

@@ -16,12 +16,19 @@ pub struct Frame {
     pub faces: [Vector3<f32>; 2],
 }
 
+/// Shorter tangents have no direction.
+const LEAST_TANGENT: f32 = 1e-6;
+
 impl Frame {
     /// Makes tangent and face normals unit and square to each other.
     pub fn new(position: Point3<f32>, tangent: Vector3<f32>, faces: [Vector3<f32>; 2]) -> Option<Self> {
-        let t = tangent.try_normalize(1e-6)?;
-        let square = |n: Vector3<f32>| (n - t * n.dot(&t)).try_normalize(1e-3);
-        Some(Self { position, tangent: t, faces: [square(faces[0])?, square(faces[1])?] })
+        Self::about(position, tangent.try_normalize(LEAST_TANGENT)?, faces)
+    }
+
+    /// The same about a unit tangent.
+    fn about(position: Point3<f32>, tangent: Vector3<f32>, faces: [Vector3<f32>; 2]) -> Option<Self> {
+        let square = |n: Vector3<f32>| (n - tangent * n.dot(&tangent)).try_normalize(1e-3);
+        Some(Self { position, tangent, faces: [square(faces[0])?, square(faces[1])?] })
     }
 
     /// The same place, seen by a weld that runs the other way.
@@ -76,12 +83,13 @@ pub fn near_path(merged: &Merged, frames: &[Frame], reach_mm: f32) -> Vec<u32> {
             let p = &merged.points_mm[k as usize];
             let inside =
                 p.x > low.x && p.y > low.y && p.z > low.z && p.x < high.x && p.y < high.y && p.z < high.z;
-            inside && grid.nearest(p, reach_mm, |_| true).is_some()
+            inside && grid.is_near(p, reach_mm)
         })
         .collect()
 }
 
-/// Seam coordinates of raw points; those beyond the ends of an open seam by more than a step are left out.
+/// Seam coordinates of raw points nearer than `reach_mm` to the seam; those beyond the ends of an open seam by more than a
+/// step are left out.
 pub fn beside(
     merged: &Merged,
     near: &[u32],
@@ -97,7 +105,7 @@ pub fn beside(
         .filter_map(|&k| {
             let p = merged.points_mm[k as usize];
             let (slot, _) = grid.nearest(&p, 1.5 * reach_mm, |_| true)?;
-            let (mut point, foot) = coordinates(&p, frames, grid.index(slot), closed, step_mm)?;
+            let (mut point, foot) = coordinates(&p, frames, grid.index(slot), closed, step_mm, reach_mm)?;
             point.view = merged.view[k as usize];
             let ray = (merged.cameras_mm[usize::from(point.view)] - p).normalize();
             point.incidence_cos = ray.dot(&foot.faces[usize::from(point.face)]);
@@ -113,22 +121,24 @@ fn coordinates(
     nearest: usize,
     closed: bool,
     step_mm: f32,
+    reach_mm: f32,
 ) -> Option<(Beside, Frame)> {
-    let (s, d, foot) = foot(p, frames, nearest, closed, step_mm)?;
+    let (s, d, foot) = foot(p, frames, nearest, closed, step_mm, reach_mm)?;
     let into = foot.into_faces();
     let (u, h) = ([d.dot(&into[0]), d.dot(&into[1])], [d.dot(&foot.faces[0]), d.dot(&foot.faces[1])]);
     let face = usize::from(h[1].abs() < h[0].abs());
     Some((Beside { s, face: face as u8, u: u[face], h: h[face], view: 0, incidence_cos: 0.0 }, foot))
 }
 
-/// Where a point lies along the seam, its offset in the cross-section there, and the frame of that, interpolated between
-/// the nearest station and the one beyond it.
+/// Where a point nearer than `reach_mm` lies along the seam, its offset in the cross-section there, and the frame of that,
+/// interpolated between the nearest station and the one beyond it.
 pub(super) fn foot(
     p: &Point3<f32>,
     frames: &[Frame],
     nearest: usize,
     closed: bool,
     step_mm: f32,
+    reach_mm: f32,
 ) -> Option<(f32, Vector3<f32>, Frame)> {
     let n = frames.len();
     let near = &frames[nearest];
@@ -143,23 +153,31 @@ pub(super) fn foot(
     let gap = (far.position - near.position).norm();
     let sign = if ahead >= 0.0 { 1.0 } else { -1.0 };
     let mut share = if gap > 0.0 { (ahead.abs() / gap).min(1.0) } else { 0.0 };
-    let mut foot = mix(near, far, share)?;
     if gap > 0.0 {
-        share = (share + (p - foot.position).dot(&foot.tangent) * sign / gap).clamp(0.0, 1.0);
-        foot = mix(near, far, share)?;
+        // The chord is only near the seam: once more with the tangent there.
+        let (position, tangent) = (mixed_position(near, far, share), mixed_tangent(near, far, share)?);
+        share = (share + (p - position).dot(&tangent) * sign / gap).clamp(0.0, 1.0);
     }
-    let d = p - foot.position;
-    let off = d.dot(&foot.tangent);
-    if off.abs() > step_mm {
+    let (position, tangent) = (mixed_position(near, far, share), mixed_tangent(near, far, share)?);
+    let off = (p - position).dot(&tangent);
+    let d = p - position - tangent * off;
+    if off.abs() > step_mm || d.norm_squared() > reach_mm * reach_mm {
         return None;
     }
+    let faces = [0, 1].map(|k| blend(&near.faces[k], &far.faces[k], share));
+    let foot = Frame::about(position, tangent, faces)?;
     let s = nearest as f32 * step_mm + sign * share * step_mm + if gap > 0.0 { 0.0 } else { ahead };
-    Some((s, d - foot.tangent * off, foot))
+    Some((s, d, foot))
 }
 
-fn mix(a: &Frame, b: &Frame, share: f32) -> Option<Frame> {
-    let blend = |x: Vector3<f32>, y: Vector3<f32>| x * (1.0 - share) + y * share;
-    let position = a.position + (b.position - a.position) * share;
-    let faces = [blend(a.faces[0], b.faces[0]), blend(a.faces[1], b.faces[1])];
-    Frame::new(position, blend(a.tangent, b.tangent), faces)
+fn blend(a: &Vector3<f32>, b: &Vector3<f32>, share: f32) -> Vector3<f32> {
+    a * (1.0 - share) + b * share
+}
+
+fn mixed_position(a: &Frame, b: &Frame, share: f32) -> Point3<f32> {
+    a.position + (b.position - a.position) * share
+}
+
+fn mixed_tangent(a: &Frame, b: &Frame, share: f32) -> Option<Vector3<f32>> {
+    blend(&a.tangent, &b.tangent, share).try_normalize(LEAST_TANGENT)
 }

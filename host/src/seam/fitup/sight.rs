@@ -65,7 +65,8 @@ pub(super) fn sights(merged: &Merged, seam: &Refined, reach_mm: f32, most: usize
         .filter_map(|&k| {
             let p = merged.points_mm[k as usize];
             let (slot, _) = grid.nearest(&p, reach_mm, |_| true)?;
-            let (s, d, foot) = foot(&p, &seam.frames, grid.index(slot), seam.closed, seam.step_mm)?;
+            let (s, d, foot) =
+                foot(&p, &seam.frames, grid.index(slot), seam.closed, seam.step_mm, f32::INFINITY)?;
             let ray = (merged.cameras_mm[usize::from(merged.view[k as usize])] - p).normalize();
             let into = foot.into_faces();
             Some(Sight {
