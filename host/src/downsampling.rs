@@ -3,7 +3,7 @@
 //! Exact centroids. Voxels with few points are dropped, which removes flying pixels and outliers.
 
 use crate::cloud::{Merged, PointCloud};
-use crate::normals::cells::{Cells, Threes};
+use crate::normals::cells::Cells;
 use crate::normals::{Patches, median};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -119,37 +119,26 @@ pub fn centroids(points: &[Point3<f32>], edge_mm: f32) -> Vec<Point3<f32>> {
 /// Thins a cloud to one point per voxel of `edge_mm` that holds at least `least` points.
 pub fn voxel_grid(merged: &Merged, edge_mm: f32, least: u32) -> Voxels {
     let cells = Cells::new(&merged.points_mm, edge_mm);
-    let kept: Vec<usize> = (0..cells.len()).filter(|&k| cells.moments[k].count >= least as f32).collect();
-    let fitted = if merged.normals.is_empty() { fitted_normals(&cells, &kept) } else { Vec::new() };
+    let sums = cells.sums();
     let places = cells.centroids();
     let toward = toward_cameras(merged, &cells, &places);
     let given = given_normals(merged, &cells);
-    let normal = |(i, &k): (usize, &usize)| match given.get(k) {
+    let kept: Vec<usize> = (0..cells.len()).filter(|&k| cells.moments[k].count >= least as f32).collect();
+    let normal = |&k: &usize| match given.get(k) {
         Some(&given) => given,
-        None => facing(fitted[i], &toward[k]),
+        None => facing(cells.window(k, &sums, 1).scatter().normal(), &toward[k]),
     };
     let of_kept = |all: &[Vector3<f32>]| kept.iter().map(|&k| all[k]).collect();
     Voxels {
         cloud: PointCloud {
             origin_mm: merged.origin_mm,
             points_mm: kept.iter().map(|&k| places[k]).collect(),
-            normals: kept.iter().enumerate().map(normal).collect(),
+            normals: kept.par_iter().map(normal).collect(),
         },
         count: kept.iter().map(|&k| cells.moments[k].count).collect(),
         toward_camera: of_kept(&toward),
         edge_mm: cells.cell_mm(),
     }
-}
-
-/// Normals of the planes through some voxels and their neighbours, of either sign.
-fn fitted_normals(cells: &Cells, of: &[usize]) -> Vec<Vector3<f32>> {
-    let mut threes = Threes::default();
-    cells.add_threes(1, |k| cells.sums(k), &mut threes);
-    let normal = |&k: &usize| {
-        let sums = cells.window(k, &threes);
-        sums.normal(&sums.scatter())
-    };
-    of.par_iter().map(normal).collect()
 }
 
 fn facing(normal: Vector3<f32>, toward: &Vector3<f32>) -> Vector3<f32> {

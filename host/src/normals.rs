@@ -9,7 +9,7 @@ pub mod pointwise;
 
 use crate::cloud::{PointCloud, View};
 use crate::grid::Grid;
-use cells::{Cells, Sums, Threes};
+use cells::{Cells, Sums};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
@@ -73,8 +73,25 @@ pub struct Patches {
 struct Patch {
     position: Point3<f32>,
     normal: Vector3<f32>,
-    fit: Scatter,
+    variance_mm2: f32,
+    tilt_variance: f32,
     count: f32,
+}
+
+impl Patch {
+    /// None where the surface is seen at too grazing an angle.
+    fn facing_camera(fit: &Scatter, position: Point3<f32>, count: f32, min_cos: f32) -> Option<Self> {
+        let normal = fit.normal();
+        let along = normal.dot(&position.coords);
+        let grazing = (along / position.coords.norm()).abs() < min_cos;
+        (!grazing).then(|| Self {
+            position,
+            normal: if along > 0.0 { -normal } else { normal },
+            variance_mm2: fit.variance_mm2,
+            tilt_variance: CORRELATED_POINTS * fit.variance_mm2 / (fit.points * fit.middle_mm2),
+            count,
+        })
+    }
 }
 
 impl Patches {
@@ -87,10 +104,8 @@ impl Patches {
                 normals: found.iter().map(|p| p.normal).collect(),
                 ..PointCloud::default()
             },
-            variance_mm2: column(|p| p.fit.variance_mm2),
-            tilt_variance: column(|Patch { fit, .. }| {
-                CORRELATED_POINTS * fit.variance_mm2 / (fit.points * fit.middle_mm2)
-            }),
+            variance_mm2: column(|p| p.variance_mm2),
+            tilt_variance: column(|p| p.tilt_variance),
             count: column(|p| p.count),
             ..Self::default()
         }
@@ -125,72 +140,40 @@ const MIN_BREADTH: f32 = 0.1;
 /// Patches in cells of the given edge, and how many points have enough neighbours on all sides for a fit.
 fn in_cells(view: &View, spacing_mm: f32, cell_mm: f32, config: &Config) -> (Patches, f32) {
     let cells = Cells::new(&view.points_mm, cell_mm);
-    let windows = Windows::over(&cells);
-    let mut sizes: Vec<f32> = windows.narrow.iter().map(|fit| fit.variance_mm2).collect();
+    let cell_mm = cells.cell_mm();
+    // Windows of 3, 5 and 9 cells, the larger ones tapered.
+    let near = cells.widen(&cells.sums(), 1);
+    let wide = cells.widen(&near, 1);
+    let far = cells.widen(&wide, 2);
+    let narrow: Vec<Scatter> = near.par_iter().map(Sums::scatter).collect();
+    let mut sizes: Vec<f32> = narrow.iter().map(|p| p.variance_mm2).collect();
     let noise_mm2 = median(&mut sizes);
     // Noise grows with distance: the work is nearer than most of what is in view.
     let quarter = sizes.len() / 4;
     let quiet_mm2 =
         if sizes.is_empty() { 0.0 } else { *sizes.select_nth_unstable_by(quarter, f32::total_cmp).1 };
-    let enough = |k: &usize| {
-        let points = windows.narrow[*k].points;
-        cells.moments[*k].count >= config.min_points as f32 && points >= config.min_fit_points as f32
+    let enough = |k: usize| {
+        cells.moments[k].count >= config.min_points as f32 && narrow[k].points >= config.min_fit_points as f32
     };
-    let broad = |k: &usize| windows.narrow[*k].middle_mm2 > MIN_BREADTH * cells.cell_mm().powi(2);
-    let fitted = (0..cells.len()).filter(|k| enough(k) && broad(k)).map(|k| cells.moments[k].count).sum();
+    let broad = |&k: &usize| enough(k) && narrow[k].middle_mm2 > MIN_BREADTH * cell_mm.powi(2);
+    let fitted = (0..cells.len()).filter(broad).map(|k| cells.moments[k].count).sum();
     let patch = |k: usize| {
-        let (fit, normal) = windows.widest(k, noise_mm2, config.max_growth);
+        let mut best = narrow[k];
+        for (larger, overlap) in [(&wide[k], 27.0 / 4.0), (&far[k], 27.0 * 27.0 / 16.0)] {
+            let candidate = larger.scatter();
+            if candidate.variance_mm2 > config.max_growth * best.variance_mm2.max(noise_mm2) {
+                break;
+            }
+            best = Scatter { points: candidate.points / overlap, ..candidate };
+        }
         let own = &cells.moments[k];
         // The cell's own mean, not its foot on a larger plane: that would move curved surfaces inward.
         let position = cells.centres_mm[k] + own.sum / own.count;
-        let along = normal.dot(&position.coords);
-        let grazing = (along / position.coords.norm()).abs() < config.min_incidence_cos;
-        let facing = if along > 0.0 { -normal } else { normal };
-        (!grazing).then_some(Patch { position, normal: facing, fit, count: own.count })
+        Patch::facing_camera(&best, position, own.count, config.min_incidence_cos)
     };
-    let found = (0..cells.len()).into_par_iter().filter(enough).filter_map(patch).collect();
-    let noise_mm = quiet_mm2.sqrt();
-    (Patches { cell_mm: cells.cell_mm(), spacing_mm, noise_mm, ..Patches::of(found) }, fitted)
-}
-
-/// Windows of 3, 5 and 9 cells about each cell, the larger ones tapered.
-struct Windows<'a> {
-    cells: &'a Cells,
-    near: Vec<Sums>,
-    narrow: Vec<Scatter>,
-    wide: Vec<Sums>,
-    /// Of which the largest are summed up when they are asked for.
-    far: Threes,
-}
-
-impl<'a> Windows<'a> {
-    fn over(cells: &'a Cells) -> Self {
-        let windows = |threes: &Threes| -> Vec<Sums> {
-            (0..cells.len()).into_par_iter().map(|k| cells.window(k, threes)).collect()
-        };
-        let mut far = Threes::default();
-        cells.add_threes(1, |k| cells.sums(k), &mut far);
-        let near = windows(&far);
-        cells.add_threes(1, |k| near[k], &mut far);
-        let wide = windows(&far);
-        cells.add_threes(2, |k| wide[k], &mut far);
-        let narrow = near.par_iter().map(Sums::scatter).collect();
-        Self { cells, near, narrow, wide, far }
-    }
-
-    /// The fit in the largest window in which the variance does not grow by more than `max_growth`, and its normal.
-    fn widest(&self, k: usize, noise_mm2: f32, max_growth: f32) -> (Scatter, Vector3<f32>) {
-        let (mut fit, mut sums) = (self.narrow[k], self.near[k]);
-        for (larger, overlap) in [(1, 27.0 / 4.0), (2, 27.0 * 27.0 / 16.0)] {
-            let window = if larger == 1 { self.wide[k] } else { self.cells.window(k, &self.far) };
-            let scatter = window.scatter();
-            if scatter.variance_mm2 > max_growth * fit.variance_mm2.max(noise_mm2) {
-                break;
-            }
-            (fit, sums) = (Scatter { points: scatter.points / overlap, ..scatter }, window);
-        }
-        (fit, sums.normal(&fit))
-    }
+    let found = (0..cells.len()).into_par_iter().filter(|&k| enough(k)).filter_map(patch).collect();
+    let patches = Patches { cell_mm, spacing_mm, noise_mm: quiet_mm2.sqrt(), ..Patches::of(found) };
+    (patches, fitted)
 }
 
 /// Mean distance from a point to its nearest distinct neighbour, mm, from an even sample of the cloud; the paper's "average distance".
@@ -270,15 +253,23 @@ impl Moments {
         let n = self.count.max(1.0);
         let mean = self.sum / n;
         let c = |k: usize, a: usize, b: usize| f64::from(self.second[k] / n - mean[a] * mean[b]);
-        let covariance = [c(0, 0, 0), c(1, 0, 1), c(2, 0, 2), c(3, 1, 1), c(4, 1, 2), c(5, 2, 2)];
-        let scatter = Scatter::new(&covariance, n);
-        Plane { mean, normal: scatter.normal(&covariance), variance_mm2: scatter.variance_mm2 }
+        Plane::new(mean, [c(0, 0, 0), c(1, 0, 1), c(2, 0, 2), c(3, 1, 1), c(4, 1, 2), c(5, 2, 2)], n)
     }
 }
 
-/// How points scatter about their mean: what is asked of many fits; the normal is found for those that are taken.
+impl Plane {
+    /// From the scatter (xx xy xz yy yz zz) of so many points about their mean.
+    fn new(mean: Vector3<f32>, scatter: [f64; 6], points: f32) -> Self {
+        let fit = Scatter::new(scatter, points);
+        Self { mean, normal: fit.normal(), variance_mm2: fit.variance_mm2 }
+    }
+}
+
+/// How points scatter about their mean; the normal, which few need, is found when it is asked for.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Scatter {
+    /// xx xy xz yy yz zz
+    matrix: [f64; 6],
     least: f64,
     /// Variance about the fitted plane.
     pub(crate) variance_mm2: f32,
@@ -288,15 +279,20 @@ pub(crate) struct Scatter {
 }
 
 impl Scatter {
-    /// From a covariance matrix: xx xy xz yy yz zz.
-    pub(crate) fn new(covariance: &[f64; 6], points: f32) -> Self {
-        let [least, middle] = lesser_eigenvalues(covariance);
-        Self { least, variance_mm2: least.max(1e-9) as f32, middle_mm2: middle.max(1e-6) as f32, points }
+    pub(crate) fn new(matrix: [f64; 6], points: f32) -> Self {
+        let [least, middle] = lesser_eigenvalues(&matrix);
+        Self {
+            matrix,
+            least,
+            variance_mm2: least.max(1e-9) as f32,
+            middle_mm2: middle.max(1e-6) as f32,
+            points,
+        }
     }
 
-    /// Unit normal of the fitted plane, given the matrix again.
-    pub(crate) fn normal(&self, covariance: &[f64; 6]) -> Vector3<f32> {
-        eigenvector(covariance, self.least).cast()
+    /// Unit normal of the fitted plane.
+    pub(crate) fn normal(&self) -> Vector3<f32> {
+        eigenvector(&self.matrix, self.least).cast()
     }
 }
 

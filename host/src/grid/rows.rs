@@ -3,7 +3,7 @@
 //! Cells lie in rows along x. A row keeps entries only between its first and last occupied cell, so a surface, which
 //! crosses each row in a few places, takes little memory, and so do far outliers.
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::Point3;
 use rayon::prelude::*;
 use wide::f32x4;
 
@@ -102,11 +102,6 @@ impl Rows {
         (self.rows[row], self.rows[row + 1].entry)
     }
 
-    /// First entry of each row, and where its entries end.
-    pub(crate) fn spans(&self) -> impl Iterator<Item = (u32, u32)> + '_ {
-        self.rows.windows(2).map(|w| (w[0].entry, w[1].entry))
-    }
-
     /// Entries and places of all cells that have one, in order.
     pub(crate) fn all(&self) -> impl Iterator<Item = (usize, [usize; 3])> + '_ {
         let ny = self.cells[1];
@@ -139,28 +134,11 @@ impl Rows {
     /// The cell of a place; outside the box, the border cell.
     #[inline]
     pub(crate) fn cell(&self, p: &Point3<f32>) -> [usize; 3] {
-        // What is too large for the conversion becomes a large number or, read as unsigned, 2^31.
-        let at = self.cells_from_low(p).fast_trunc_int().to_array();
-        [0, 1, 2].map(|k| (at[k] as u32 as usize).min(self.cells[k] - 1))
-    }
-
-    /// How many cells a place lies from the low corner along each axis, at least 0.
-    #[inline(always)]
-    fn cells_from_low(&self, p: &Point3<f32>) -> f32x4 {
         let [x, y, z] = self.low_mm;
         let from_low = f32x4::new([p.x, p.y, p.z, 0.0]) - f32x4::new([x, y, z, 0.0]);
-        (from_low * self.per_mm).fast_max(f32x4::ZERO)
-    }
-
-    /// One of the points that the rows were laid over, relative to the centre of its cell, mm: without a look at memory.
-    #[inline]
-    pub(crate) fn offset_in_cell(&self, p: &Point3<f32>) -> Vector3<f32> {
-        let ([x, y, z], [nx, ny, nz]) = (self.low_mm, self.cells.map(|cells| (cells - 1) as f32));
-        let at =
-            self.cells_from_low(p).fast_trunc_int().round_float().fast_min(f32x4::new([nx, ny, nz, 0.0]));
-        let centre = f32x4::new([x, y, z, 0.0]) + (at + 0.5) * self.cell_mm;
-        let [x, y, z, _] = (f32x4::new([p.x, p.y, p.z, 0.0]) - centre).to_array();
-        Vector3::new(x, y, z)
+        // What is too large for the conversion becomes a large number or, read as unsigned, 2^31.
+        let at = (from_low * self.per_mm).fast_max(f32x4::ZERO).fast_trunc_int().to_array();
+        [0, 1, 2].map(|k| (at[k] as u32 as usize).min(self.cells[k] - 1))
     }
 
     fn cell_at(&self, p: &Point3<f32>) -> CellAt {
