@@ -34,6 +34,12 @@ pub enum Curve {
 }
 
 impl Curve {
+    /// Standard errors by which it may be worse than the best to be taken. Most seams are straight, and the best of a dozen
+    /// softer curves looks better than a straight line by chance.
+    fn deviations(self) -> f64 {
+        if matches!(self, Self::Spline(stiffness) if stiffness > STRAIGHT) { 2.0 } else { 1.0 }
+    }
+
     /// Effective number of free parameters per coordinate over a length.
     pub fn freedom(self, closed: bool, length_mm: f64, step_mm: f64) -> f64 {
         match self {
@@ -90,7 +96,11 @@ impl<const D: usize> Samples<'_, D> {
             misses.iter().map(|m| block_errors(m, cap, n.div_ceil(fitting))).collect();
         let total = |e: &Vec<f64>| e.iter().sum::<f64>();
         let best = errors.iter().min_by(|a, b| total(a).total_cmp(&total(b)));
-        let pick = best.and_then(|best| errors.iter().rposition(|e| no_worse(e, best))).unwrap_or(0);
+        let close = |best: &Vec<f64>| {
+            let candidates = curves.iter().zip(&errors);
+            candidates.rev().position(|(curve, e)| no_worse(e, best, curve.deviations()))
+        };
+        let pick = best.and_then(close).map_or(0, |from_end| curves.len() - 1 - from_end);
         curves[pick]
     }
 
@@ -165,15 +175,15 @@ fn block_errors(misses: &[Miss], cap: f64, blocks: usize) -> Vec<f64> {
     errors
 }
 
-/// Whether errors exceed the best ones by no more than a standard error of their difference: a few blocks cannot tell
-/// more, and the stiffer curve is the likelier one.
-fn no_worse(errors: &[f64], best: &[f64]) -> bool {
+/// Whether errors exceed the best ones by no more than so many standard errors of their difference: a few blocks cannot
+/// tell more, and the stiffer curve is the likelier one.
+fn no_worse(errors: &[f64], best: &[f64], deviations: f64) -> bool {
     let n = errors.len() as f64;
     let differences = || errors.iter().zip(best).map(|(e, b)| e - b);
     let mean = differences().sum::<f64>() / n;
     let variance = differences().map(|d| (d - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
     let total: f64 = best.iter().sum::<f64>() / n;
-    mean <= (variance / n).sqrt().max((CLOSE - 1.0) * total)
+    mean <= (deviations * (variance / n).sqrt()).max((CLOSE - 1.0) * total)
 }
 
 /// Number of coefficients of a shape.
