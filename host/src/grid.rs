@@ -187,7 +187,8 @@ fn sorted(rows: &Rows, at: &[CellAt]) -> (Vec<u32>, Vec<u32>) {
 mod tests {
     use super::*;
 
-    fn lattice() -> Vec<Point3<f32>> {
+    /// 8 x 8 x 8 points, 1.5 mm apart.
+    pub(super) fn lattice() -> Vec<Point3<f32>> {
         let at = |i: usize| i as f32 * 1.5 - 3.0;
         (0..512).map(|i| Point3::new(at(i % 8), at(i / 8 % 8), at(i / 64))).collect()
     }

@@ -72,26 +72,20 @@ fn a_torch_too_wide_for_the_corner_collides() {
     assert!(kinds.contains(&"collision"), "{said}");
 }
 
-/// The job with a torch that leans into the web, its passes and its turn given.
-fn leaning(home: &Path, work_angle_deg: f64, turn_deg: f64, passes: usize) -> Value {
-    let job = format!(
-        "input = {:?}\n[torch]\nwork_angle_deg = {work_angle_deg}\nturn_deg = {turn_deg}\n[torch_body]\n{}",
-        fixture("fillet"),
-        "[[pass]]\n".repeat(passes)
-    );
-    let (file, out) = (home.join("lean.toml"), home.join("lean"));
-    std::fs::write(&file, job).unwrap();
-    let output = run(&[
-        "plan",
-        "--job",
-        file.to_str().unwrap(),
-        "--out",
-        out.to_str().unwrap(),
-        "--no-report",
-        "--json",
-    ]);
+/// The feasibility of the fillet by what is added to its job, with the files in `out`.
+fn checked(out: &Path, settings: &str) -> Value {
+    let file = out.with_extension("toml");
+    std::fs::write(&file, format!("input = {:?}\n{settings}", fixture("fillet"))).unwrap();
+    let [file, folder] = [file.to_str().unwrap(), out.to_str().unwrap()];
+    let output = run(&["plan", "--job", file, "--out", folder, "--no-report", "--json"]);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     serde_json::from_slice::<Value>(&output.stdout).unwrap()["feasibility"].clone()
+}
+
+/// The job with a torch that leans into the web, its passes and its turn given.
+fn leaning(home: &Path, work_angle_deg: f64, turn_deg: f64, passes: usize) -> Value {
+    let torch = format!("[torch]\nwork_angle_deg = {work_angle_deg}\nturn_deg = {turn_deg}\n[torch_body]\n");
+    checked(&home.join("lean"), &(torch + &"[[pass]]\n".repeat(passes)))
 }
 
 #[test]
@@ -112,31 +106,17 @@ fn a_suggestion_solves_what_it_says_for_every_turn_and_number_of_passes() {
 #[test]
 fn every_pass_is_checked_at_its_own_feed() {
     let home = tempfile::tempdir().unwrap();
+    let arm = "[robot.opw]\na1_mm = 150\na2_mm = 0\nc1_mm = 486.5\nc2_mm = 700\nc3_mm = 600\nc4_mm = 65\n\
+               offsets_deg = [0, 0, -90, 0, 0, 0]\nlimits_deg = [[-180, 180], [-180, 180], [-245, 245], \
+               [-400, 400], [-180, 180], [-400, 400]]\nspeeds_deg_s = [12, 12, 12, 12, 12, 12]\n\
+               [path]\napproach_feed_mm_s = 2\nair_feed_mm_s = 2\n";
     let too_fast = |passes: &str| {
-        let job = format!(
-            "input = {:?}\n[robot.opw]\na1_mm = 150\na2_mm = 0\nc1_mm = 486.5\nc2_mm = 700\nc3_mm = 600\n\
-             c4_mm = 65\noffsets_deg = [0, 0, -90, 0, 0, 0]\nlimits_deg = [[-180, 180], [-180, 180], [-245, 245], \
-             [-400, 400], [-180, 180], [-400, 400]]\nspeeds_deg_s = [12, 12, 12, 12, 12, 12]\n[path]\napproach_feed_mm_s = 2\nair_feed_mm_s = 2\n{passes}",
-            fixture("fillet")
-        );
-        let (file, out) = (home.path().join("feeds.toml"), home.path().join("feeds"));
-        std::fs::write(&file, job).unwrap();
-        let output = run(&[
-            "plan",
-            "--job",
-            file.to_str().unwrap(),
-            "--out",
-            out.to_str().unwrap(),
-            "--no-report",
-            "--json",
-        ]);
-        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-        let waypoints: Value =
-            serde_json::from_slice(&std::fs::read(out.join("path.json")).unwrap()).unwrap();
+        let out = home.path().join("feeds");
+        let report = checked(&out, &format!("{arm}{passes}"));
+        let program: Value = serde_json::from_slice(&std::fs::read(out.join("path.json")).unwrap()).unwrap();
         let rows = std::fs::read_to_string(out.join("feasibility.csv")).unwrap().lines().count();
-        assert_eq!(rows, 1 + waypoints["waypoints"].as_array().unwrap().len());
-        let report: Value = serde_json::from_slice(&output.stdout).unwrap();
-        let problems = report["feasibility"]["problems"].as_array().unwrap().clone();
+        assert_eq!(rows, 1 + program["waypoints"].as_array().unwrap().len());
+        let problems = report["problems"].as_array().unwrap();
         problems.iter().filter(|p| p["kind"] == "joint-speed" && !p["seam"].is_null()).count()
     };
     let fast = too_fast("[[pass]]\npath.feed_mm_s = 250\n");

@@ -177,12 +177,8 @@ impl<'a, F: FnMut(usize) -> bool, const SECOND: bool> Search<'a, F, SECOND> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::tests::lattice;
     use super::*;
-
-    fn lattice() -> Vec<Point3<f32>> {
-        let at = |i: usize| i as f32 * 1.5 - 3.0;
-        (0..512).map(|i| Point3::new(at(i % 8), at(i / 8 % 8), at(i / 64))).collect()
-    }
 
     #[test]
     fn nearest_is_the_nearest_accepted() {

@@ -1,7 +1,7 @@
 //! Fit-up: groove angle, depth and width, sheet thickness and root opening of a joint, each with its uncertainty (ours).
 //!
 //! Everything is measured in cross-sections square to the seam. The root opening needs the registered raw points, because
-//! the voxel grid and the filter round what lies next to it ([`root`]); surfaces beyond the lips need not ([`surface`]).
+//! the voxel grid and the filter round what lies next to it (`root`); surfaces beyond the lips need not (`surface`).
 //! A value that the scan does not show is not guessed: its place is taken by the reason.
 
 mod root;

@@ -5,7 +5,7 @@
 //! is not in an upright base frame (a lone cloud in its camera's frame) or hangs overhead, and up is that average.
 //! The safe level is the model's highest point plus a clearance. From a retract point the torch rises straight up if
 //! a column as wide as the torch is free there; else, as under an overhang, it first leaves along its own axis until
-//! it is outside the model's box by the clearance, and rises then. [`crossing`] looks for shorter ways over the
+//! it is outside the model's box by the clearance, and rises then. `crossing` looks for shorter ways over the
 //! [`terrain`]; the first way down and the last way up always come from and lead to the safe level.
 
 mod crossing;

@@ -2,7 +2,7 @@
 //!
 //! Columns of some 6 mm along `up`. A scan shows faces and no backs, so everything below the highest scanned point of a
 //! column is solid. A column without a scanned point was not seen: nothing below the highest scanned point of all is
-//! free there, except where the torch is on a weld or on the way to it anyway, and above that ([`Known`]).
+//! free there, except where the torch is on a weld or on the way to it anyway, and above that.
 //!
 //! The torch is a set of [`Ball`]s that covers it. For every size of ball the map holds how low its centre may be over
 //! each cell, so that a pose costs one look-up a ball. Cells are taken whole: distances come out too small, never too large.
