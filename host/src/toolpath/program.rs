@@ -151,8 +151,8 @@ impl Program {
             let way_mm = (here.position_mm - before.position_mm).norm();
             let most_mm_s = (way_mm * MOST_TURN_RAD_S / turn_rad.max(1e-9)).max(LEAST_FEED_MM_S);
             if !before.weld && !here.weld && most_mm_s < here.feed_mm_s {
-                // To a tenth, as files and controllers have it.
-                here.feed_mm_s = here.feed_mm_s.min((most_mm_s * 10.0).floor() / 10.0);
+                // Whole, as every controller can be told.
+                here.feed_mm_s = here.feed_mm_s.min(most_mm_s.floor());
             }
         }
     }
