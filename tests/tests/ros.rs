@@ -57,27 +57,35 @@ fn comments_in_the_yaml_tell_speed_and_arc() {
 fn a_mutated_message_is_refused() {
     let output = output("formats = [\"ros\"]");
     let check = |files: &[Text]| program(files, &output.program.waypoints);
+    // The first number behind a word, and in its place another.
+    let changed = |file: &str, word: &str| {
+        let text = &texts(&output, &[file])[0].1;
+        let number = text.split(word).nth(1).and_then(|rest| rest.split([',', '}']).next()).unwrap();
+        [format!("{word}{number}"), format!("{word}9.5")]
+    };
+    let x = changed("poses.json", "\"position\": {\"x\": ");
     let in_json = [
         ("\"frame_id\": \"base\"", "\"frame_id\": \"world\"", "frame"),
         ("\"header\": {\"frame_id\": \"base\"},", "", "no field header"),
         ("\"position\"", "\"point\"", "unknown field point"),
         ("\"w\": 0.", "\"w\": 1.", "norm"),
         ("\"w\": ", "\"q\": ", "unknown field q"),
-        ("\"x\": 0.", "\"x\": 1.", "away"),
+        (&x[0], &x[1], "away"),
         ("\"z\": 0.", "\"z\": -0.", "away"),
         ("\n  ]\n}", "", "EOF"),
         ("},\n", "}\n", "expected"),
         ("\"y\": ", "\"y\": NaN", "expected"),
     ];
     refuses(&texts(&output, &["poses.json"]), &in_json, check);
+    let [x, w] = ["position: {x: ", " w: "].map(|word| changed("poses.yaml", word));
     let in_yaml = [
         ("frame_id: base", "frame_id: map", "frame"),
         ("header:\n", "", "unknown key"),
         ("- position", "-position", "unknown key"),
         ("  orientation", " orientation", "unknown key"),
-        ("w: -0.", "w: -1.", "norm"),
+        (&w[0], &w[1], "norm"),
         ("}\n- position", "\n- position", "no map"),
-        ("{x: 0.", "{x: 1.", "away"),
+        (&x[0], &x[1], "away"),
         ("{x: ", "{y: ", "no field x"),
         (", z: ", ", z:", "no pair"),
         ("poses:\n", "poses:\n- position: {x: 0.0, y: 0.0, z: 0.0}\n", "no field orientation"),
