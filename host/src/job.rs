@@ -19,6 +19,7 @@ use crate::export::robot::{self as dialect, Robot};
 use crate::export::urscript;
 use crate::feasibility;
 use crate::pipeline;
+use crate::toolpath::recipe::Recipe;
 pub use layer::{
     PassSettings, PathSettings, SeamSettings, StitchSettings, TorchSettings, WeaveSettings, Weld,
 };
@@ -249,6 +250,13 @@ impl Job {
     pub fn weld(&self) -> Weld {
         let (path, torch, weave, stitch) = (self.path, self.torch, self.weave, self.stitch);
         Weld { path, torch, weave, stitch, passes: self.passes.clone() }
+    }
+
+    /// How passes are welded: with the settings of each seam on top of the job's, and with the job's alone.
+    pub fn recipes(&self) -> Vec<Recipe> {
+        let of_all = self.weld();
+        let welds = self.seams.iter().map(|seam| seam.weld().on(&of_all)).chain([of_all.clone()]);
+        welds.flat_map(|weld| weld.passes()).map(|(recipe, _)| recipe).collect()
     }
 
     /// The settings of the pipeline.

@@ -89,8 +89,8 @@ fn ordered(paths: Vec<SeamPath>, plan: &Plan, job: &Job) -> Result<Vec<(SeamPath
     }
     let ways: Vec<Way> = seams.iter().map(|(path, weld)| way(path, weld, job)).collect();
     let order = match job.order.sequence {
-        Sequence::Shortest => shortest(&seams, &ways, plan, job),
-        Sequence::Found => ordering::found(&ways),
+        Sequence::Shortest if seams.len() > 1 => shortest(&seams, &ways, plan, job),
+        _ => ordering::found(&ways),
     };
     let turned = |Turn { index, reverse: turn }| {
         let (path, weld) = &seams[index];

@@ -82,16 +82,7 @@ pub fn stage(request: &Request) -> Result<Stage, Error> {
 /// A whole scan, as a robot with a camera on its flange would record it.
 pub fn simulate(request: &Request) -> Result<Simulated, Error> {
     let Stage { scene, base_from_camera, truth } = stage(request)?;
-    let camera = Camera::with_size(request.width, request.height);
-    let flange_from_camera = placement::flange_from_camera();
-    // Pieces with the same seed do not share their noise: errors over many pieces are to be independent.
-    let seed = random::Stream::new(request.seed, request.part.name(), 2).next();
-    let view = |(i, pose): (usize, &Isometry3<f64>)| SimulatedView {
-        image: camera.capture(&scene, pose, request.noise, seed, i as u64),
-        base_from_flange: placement::reported(pose, request, i),
-    };
-    let views = base_from_camera.iter().enumerate().map(view).collect();
-    Ok(Simulated { camera, flange_from_camera, views, truth, format: request.format })
+    Ok(recorded(request, &scene, &base_from_camera, truth))
 }
 
 /// The scan that a camera moved by hand makes of a request's workpiece: views taken at these poses, with the truth for
@@ -101,16 +92,27 @@ pub fn captured(request: &Request, base_from_camera: &[Isometry3<f64>]) -> Resul
     let piece = Workpiece::of(request);
     let placed = placement::Placement::of(&piece, request);
     let scene = placed.scene(&piece);
+    let truth = truth::of(request, &piece, &placed, &scene, base_from_camera);
+    Ok(recorded(request, &scene, base_from_camera, truth))
+}
+
+/// What the camera sees from these poses, and what the robot reports of them.
+fn recorded(
+    request: &Request,
+    scene: &Scene,
+    base_from_camera: &[Isometry3<f64>],
+    truth: Truth,
+) -> Simulated {
     let camera = Camera::with_size(request.width, request.height);
+    // Pieces with the same seed do not share their noise: errors over many pieces are to be independent.
     let seed = random::Stream::new(request.seed, request.part.name(), 2).next();
     let view = |(i, pose): (usize, &Isometry3<f64>)| SimulatedView {
-        image: camera.capture(&scene, pose, request.noise, seed, i as u64),
+        image: camera.capture(scene, pose, request.noise, seed, i as u64),
         base_from_flange: placement::reported(pose, request, i),
     };
     let views = base_from_camera.iter().enumerate().map(view).collect();
-    let truth = truth::of(request, &piece, &placed, &scene, base_from_camera);
     let flange_from_camera = placement::flange_from_camera();
-    Ok(Simulated { camera, flange_from_camera, views, truth, format: request.format })
+    Simulated { camera, flange_from_camera, views, truth, format: request.format }
 }
 
 #[cfg(test)]

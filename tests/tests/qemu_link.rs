@@ -105,18 +105,7 @@ fn a_path_under_noise_is_loaded_started_held_resumed_and_finished_as_planned() {
     assert_eq!((held.cause, held.speed_um_s), (Some(Cause::Hold), 0));
     panel.wait_for(|seen| matches!(seen, Seen::Outputs { arc: false, motion: false, .. })).unwrap();
     resume(&mut client, &held, 3_000);
-    let resumed = Instant::now();
-    loop {
-        assert!(resumed.elapsed() < PATIENCE, "{:?}", client.telemetry);
-        let state =
-            client.wait_for_state(|state| state.finished == Some(7) || state.state == State::Held).unwrap();
-        if state.finished == Some(7) {
-            break;
-        }
-        // On a busy machine this host may itself be silent for too long.
-        assert_eq!(state.cause, Some(Cause::Silence));
-        resume(&mut client, &state, 0);
-    }
+    finish(&mut client);
     let counters = client.telemetry.unwrap().counters;
     println!("{} samples; pendant counted {counters:?}", client.samples.len());
     assert!(client.samples.len() > 100);
@@ -152,16 +141,7 @@ fn a_weave_with_dwell_stands_on_the_planned_integers_for_as_long_as_it_says() {
     let upload = upload(&weave(), &limits).unwrap();
     let path = &upload.waypoints;
     start_announced(&mut client, &panel, upload.begin(7, &limits), path).unwrap();
-    loop {
-        let state =
-            client.wait_for_state(|state| state.finished == Some(7) || state.state == State::Held).unwrap();
-        if state.finished == Some(7) {
-            break;
-        }
-        // On a busy machine this host may itself be silent for too long.
-        assert_eq!(state.cause, Some(Cause::Silence));
-        resume(&mut client, &state, 0);
-    }
+    finish(&mut client);
     assert_on_path(&client.samples, path);
     let slow: Vec<u32> = (0..path.len() as u32).filter(|k| path[*k as usize].feed_um_s < 1_000).collect();
     assert_eq!(slow.len(), 8);
@@ -174,6 +154,22 @@ fn a_weave_with_dwell_stands_on_the_planned_integers_for_as_long_as_it_says() {
         stood += u32::from(span >= 120 && on_it().any(|sample| sample.arc));
     }
     assert!(stood >= 4, "it was seen to stand at {stood} of 8 places");
+}
+
+/// Until path 7 is finished, resumed where the pendant held by itself.
+fn finish(client: &mut Client) {
+    let begun = Instant::now();
+    loop {
+        assert!(begun.elapsed() < PATIENCE, "{:?}", client.telemetry);
+        let state =
+            client.wait_for_state(|state| state.finished == Some(7) || state.state == State::Held).unwrap();
+        if state.finished == Some(7) {
+            return;
+        }
+        // On a busy machine this host may itself be silent for too long.
+        assert_eq!(state.cause, Some(Cause::Silence));
+        resume(client, &state, 0);
+    }
 }
 
 fn resume(client: &mut Client, held: &Telemetry, back_um: u32) {

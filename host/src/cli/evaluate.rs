@@ -143,9 +143,7 @@ fn standoff_mm(args: &Args, dir: &Path) -> Result<f64, Failure> {
         (Some(given), _) => Ok(given.get()),
         (None, true) => {
             let job = Job::read(&file).map_err(|e| Failure::new(Exit::Input, &e).hint(e.hint()))?;
-            let of_all = job.weld();
-            let welds = job.seams.iter().map(|seam| seam.weld().on(&of_all)).chain([of_all.clone()]);
-            let mut standoffs_mm = welds.flat_map(|weld| weld.passes()).map(|(recipe, _)| recipe.standoff_mm);
+            let mut standoffs_mm = job.recipes().into_iter().map(|recipe| recipe.standoff_mm);
             let first = standoffs_mm.next().unwrap_or(0.0);
             if standoffs_mm.any(|other| other != first) {
                 let message = format!("in {} seams or passes differ in standoff_mm", file.display());

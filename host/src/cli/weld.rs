@@ -73,9 +73,7 @@ impl WeldArgs {
 
     /// Refuses options that nothing in the job makes use of.
     pub(super) fn check(&self, job: &Job) -> Result<(), Failure> {
-        let weld = job.weld();
-        let welds = || job.seams.iter().map(|seam| seam.weld().on(&weld)).chain([weld.clone()]);
-        let mut recipes = welds().flat_map(|weld| weld.passes()).map(|(recipe, _)| recipe);
+        let recipes = job.recipes();
         let refused = |option: &str, hint: &str| {
             Err(Failure::new(Exit::Usage, format!("{option} changes nothing in this job")).hint(hint))
         };
@@ -84,11 +82,11 @@ impl WeldArgs {
             ("--wavelength-mm", self.wavelength_mm.is_some()),
         ];
         if let Some((option, _)) = swings.iter().find(|(_, given)| *given)
-            && recipes.clone().all(|recipe| recipe.weave.is_none())
+            && recipes.iter().all(|recipe| recipe.weave.is_none())
         {
             return refused(option, "no seam weaves: add --weave sine, or another shape");
         }
-        if self.stitch_mm.is_some() && recipes.all(|recipe| recipe.stitch.is_none()) {
+        if self.stitch_mm.is_some() && recipes.iter().all(|recipe| recipe.stitch.is_none()) {
             return refused("--stitch-mm", "every seam is welded through: add --pitch-mm or --tacks");
         }
         Ok(())

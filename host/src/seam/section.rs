@@ -105,29 +105,16 @@ pub fn beside(
         .filter_map(|&k| {
             let p = merged.points_mm[k as usize];
             let (slot, _) = grid.nearest(&p, 1.5 * reach_mm, |_| true)?;
-            let (mut point, foot) = coordinates(&p, frames, grid.index(slot), closed, step_mm, reach_mm)?;
-            point.view = merged.view[k as usize];
-            let ray = (merged.cameras_mm[usize::from(point.view)] - p).normalize();
-            point.incidence_cos = ray.dot(&foot.faces[usize::from(point.face)]);
-            Some(point)
+            let (s, d, foot) = foot(&p, frames, grid.index(slot), closed, step_mm, reach_mm)?;
+            let into = foot.into_faces();
+            let h = foot.faces.map(|normal| d.dot(&normal));
+            let face = usize::from(h[1].abs() < h[0].abs());
+            let view = merged.view[k as usize];
+            let ray = (merged.cameras_mm[usize::from(view)] - p).normalize();
+            let incidence_cos = ray.dot(&foot.faces[face]);
+            Some(Beside { s, face: face as u8, u: d.dot(&into[face]), h: h[face], view, incidence_cos })
         })
         .collect()
-}
-
-/// Coordinates of a point by the frame at its foot.
-fn coordinates(
-    p: &Point3<f32>,
-    frames: &[Frame],
-    nearest: usize,
-    closed: bool,
-    step_mm: f32,
-    reach_mm: f32,
-) -> Option<(Beside, Frame)> {
-    let (s, d, foot) = foot(p, frames, nearest, closed, step_mm, reach_mm)?;
-    let into = foot.into_faces();
-    let (u, h) = ([d.dot(&into[0]), d.dot(&into[1])], [d.dot(&foot.faces[0]), d.dot(&foot.faces[1])]);
-    let face = usize::from(h[1].abs() < h[0].abs());
-    Some((Beside { s, face: face as u8, u: u[face], h: h[face], view: 0, incidence_cos: 0.0 }, foot))
 }
 
 /// Where a point nearer than `reach_mm` lies along the seam, its offset in the cross-section there, and the frame of that,

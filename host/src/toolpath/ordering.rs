@@ -1,11 +1,10 @@
 //! Which seam comes next, and which way it is welded (ours).
 //!
 //! The air way between two seams is the one that the torch really takes ([`super::air`]); each is sought once. The sum
-//! of all of them is made small; where the robot comes from and goes to is not known. For few seams
-//! it is the least there is (Held and Karp 1962). For more it is
-//! what local search finds: from the order found, and from the nearest neighbour of every seam, by turning stretches
-//! round (2-opt), moving up to three seams elsewhere (Or-opt) and turning single seams round, until nothing helps.
-//! Seams that must keep their direction keep it.
+//! of all of them is made small; where the robot comes from and goes to is not known. For few seams it is the least there
+//! is (Held and Karp 1962). For more it is what local search finds: from the order found, and from the nearest neighbour
+//! of every seam, by turning stretches round (2-opt), moving up to three seams elsewhere (Or-opt) and turning single seams
+//! round, until nothing helps. Seams that must keep their direction keep it.
 
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
