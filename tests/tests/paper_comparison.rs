@@ -35,6 +35,8 @@ fn the_papers_tables_are_made_and_agree_with_evaluate() {
         let truth = fixtures.join(name).join("truth.json").display().to_string();
         let score = run(&["evaluate", &at(name), "--truth", &truth, "--json"]);
         let score: Value = serde_json::from_slice(&score.stdout).unwrap();
+        let quiet = run(&["evaluate", &at(name), "--truth", &truth, "--quiet"]);
+        assert!(quiet.status.success() && quiet.stdout.is_empty() && quiet.stderr.is_empty());
         let row = measured["rmse"].as_array().unwrap().iter().find(|row| row["piece"] == piece).unwrap();
         for (key, evaluate) in [("rmse_mm", "rmse_p"), ("rmse_deg", "rmse_deg")] {
             let (ours, theirs) = (row[key].as_f64().unwrap(), score[evaluate].as_f64().unwrap());
