@@ -1,9 +1,10 @@
 //! The firmware's own promises: it boots, it says why, and whatever breaks it turns everything off first.
 
-use std::time::Duration;
+use std::thread::sleep;
+use std::time::{Duration, Instant};
 
 use weldpath_core::interlock::{Fault, State};
-use weldpath_tests::qemu::{Client, Clock, Inputs, Machine, Panel, Seen, Wire, firmware};
+use weldpath_tests::qemu::{Client, Clock, Inputs, Machine, PATIENCE, Panel, Seen, Wire, firmware};
 
 fn booted() -> Option<(Machine, Panel)> {
     let program = firmware("weldpath-firmware")?;
@@ -96,9 +97,13 @@ fn the_stack_stays_within_4_kb_after_the_start() {
 
 #[test]
 fn the_log_has_a_channel_of_its_own() {
-    let Some((machine, panel)) = booted() else { return };
-    panel.wait_for(|seen| matches!(seen, Seen::Outputs { .. })).unwrap();
-    assert!(!machine.console().unwrap().is_empty());
+    let Some((machine, _panel)) = booted() else { return };
+    // It comes when it comes: the panel's first report is older than the first line.
+    let end = Instant::now() + PATIENCE;
+    while machine.console().unwrap().is_empty() {
+        assert!(Instant::now() < end, "nothing was logged");
+        sleep(Duration::from_millis(5));
+    }
 }
 
 #[test]
