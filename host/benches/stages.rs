@@ -180,8 +180,10 @@ fn seam(bencher: Bencher, case: Case) {
     let scale = downsampling::Scale::of(&merged, &patches, &downsampling::Config::default());
     let voxels = voxel_grid(&merged, scale.edge_mm, scale.least);
     let model = bilateral(&voxels.cloud, &scale.bilateral());
+    let raw = Grid::new(&merged.points_mm, 5.0);
     let input = weldpath::seam::Input {
         merged: &merged,
+        raw: &raw,
         voxels: &voxels,
         model: &model,
         registration: None,

@@ -72,12 +72,11 @@ const SHORTEST_MM: f64 = 10.0;
 /// How far an end is followed.
 const BEYOND_MM: f64 = 150.0;
 
-/// Stretches of all seams that were seen badly; none if it is not known where the cameras stood.
-pub fn gaps(seams: &[Seam], merged: &Merged, cameras_known: bool) -> Vec<Gap> {
+/// Stretches of all seams that were seen badly, in the points of `merged`, which are indexed by `grid`; none if it is not known where the cameras stood.
+pub fn gaps(seams: &[Seam], merged: &Merged, grid: &Grid, cameras_known: bool) -> Vec<Gap> {
     if !cameras_known || seams.is_empty() {
         return Vec::new();
     }
-    let grid = Grid::new(&merged.points_mm, BIN_MM as f32);
     let scan = Scan { merged, grid, sights: OnceLock::new() };
     seams.par_iter().flat_map_iter(|seam| scan.gaps_of(seam)).collect()
 }
@@ -85,7 +84,7 @@ pub fn gaps(seams: &[Seam], merged: &Merged, cameras_known: bool) -> Vec<Gap> {
 /// The raw points, ready to be asked.
 struct Scan<'a> {
     merged: &'a Merged,
-    grid: Grid,
+    grid: &'a Grid,
     /// Made when an end is in doubt.
     sights: OnceLock<Sights>,
 }
@@ -102,10 +101,13 @@ impl Scan<'_> {
     fn gaps_of(&self, seam: &Seam) -> Vec<Gap> {
         let arcs = arcs_mm(seam);
         let mut gaps = Vec::new();
+        let of_face = |face| seam.stations.iter().map(|station| self.counts(station, face)).collect();
+        let counts: [Vec<Vec<usize>>; 2] = [0, 1].map(of_face);
+        let least = [0, 1].map(|face| least(&counts[face]));
         for face in 0..2 {
-            let least = self.least(seam, face);
+            let stations = seam.stations.iter().zip(&counts[face]);
             let seen: Vec<Seen> =
-                seam.stations.iter().map(|station| self.seen(station, face, least)).collect();
+                stations.map(|(station, count)| self.judged(count, station, face, least[face])).collect();
             for (fault, bad) in [(Fault::Unseen, Seen::Not), (Fault::Grazing, Seen::Grazing)] {
                 for (first, last) in runs(&seen, bad) {
                     if arcs[last] - arcs[first] >= SHORTEST_MM {
@@ -115,7 +117,7 @@ impl Scan<'_> {
                 }
             }
             if !seam.closed {
-                gaps.extend(self.open_ends(seam, face, arcs.last().copied().unwrap_or(0.0)));
+                gaps.extend(self.open_ends(seam, face, least, arcs.last().copied().unwrap_or(0.0)));
             }
         }
         gaps.sort_by(|a, b| a.from_mm.total_cmp(&b.from_mm));
@@ -123,13 +125,12 @@ impl Scan<'_> {
     }
 
     fn gap(&self, seam: usize, fault: Fault, span_mm: [f64; 2], middle: &Station, face: usize) -> Gap {
-        let view = viewpoint::best(middle, face, &self.grid, self.merged);
+        let view = viewpoint::best(middle, face, self.grid, self.merged);
         Gap { seam, fault, from_mm: span_mm[0], to_mm: span_mm[1], face: middle.faces[face], view }
     }
 
     /// Where a seam ends, but one face goes on and nobody saw whether the other does.
-    fn open_ends(&self, seam: &Seam, face: usize, length_mm: f64) -> Vec<Gap> {
-        let least = [self.least(seam, 0), self.least(seam, 1)];
+    fn open_ends(&self, seam: &Seam, face: usize, least: [usize; 2], length_mm: f64) -> Vec<Gap> {
         let beyond = |end: Ending| {
             let open_mm = self.open_mm(&end, face, least);
             let middle = end.beyond(0.5 * open_mm);
@@ -172,7 +173,11 @@ impl Scan<'_> {
 
     /// How the cameras saw the band of a face at a station.
     fn seen(&self, station: &Station, face: usize, least: usize) -> Seen {
-        let count = self.counts(station, face);
+        self.judged(&self.counts(station, face), station, face, least)
+    }
+
+    /// The same, with the points that each view has there.
+    fn judged(&self, count: &[usize], station: &Station, face: usize, least: usize) -> Seen {
         if count.iter().sum::<usize>() < least {
             return Seen::Not;
         }
@@ -181,14 +186,6 @@ impl Scan<'_> {
         let seeing = (0..count.len()).filter(|&k| count[k] >= FEWEST / 2);
         let best = seeing.map(cosine).fold(0.0, f64::max);
         if best < LEAST_COSINE { Seen::Grazing } else { Seen::Well }
-    }
-
-    /// Points that a bin of a face must have: a quarter of what its bins usually have on this seam.
-    fn least(&self, seam: &Seam, face: usize) -> usize {
-        let total = |station: &Station| self.counts(station, face).iter().sum::<usize>();
-        let mut totals: Vec<usize> = seam.stations.iter().map(total).collect();
-        totals.sort_unstable();
-        totals.get(totals.len() / 2).map_or(FEWEST, |usual| FEWEST.max(usual / 4))
     }
 
     /// Points of each view on the band of a face at a station.
@@ -208,6 +205,13 @@ impl Scan<'_> {
         });
         count
     }
+}
+
+/// Points that a bin of a face must have: a quarter of what its bins usually have on this seam.
+fn least(counts: &[Vec<usize>]) -> usize {
+    let mut totals: Vec<usize> = counts.iter().map(|count| count.iter().sum()).collect();
+    totals.sort_unstable();
+    totals.get(totals.len() / 2).map_or(FEWEST, |usual| FEWEST.max(usual / 4))
 }
 
 /// Across the seam, along a face, away from the seam: where the other face's positive side is.
@@ -327,6 +331,10 @@ mod tests {
         Merged { points_mm, view, cameras_mm: vec![Point3::new(0.0, 250.0, 250.0)], ..Merged::default() }
     }
 
+    fn found(seam: Seam, merged: &Merged, cameras_known: bool) -> Vec<Gap> {
+        gaps(&[seam], merged, &Grid::new(&merged.points_mm, 5.0), cameras_known)
+    }
+
     fn seam(to_mm: i32) -> Seam {
         let station = |x: i32| Station {
             position_mm: Point3::new(f64::from(x), 0.0, 0.0),
@@ -349,10 +357,10 @@ mod tests {
 
     #[test]
     fn a_corner_that_was_seen_all_along_has_no_gap() {
-        assert_eq!(gaps(&[seam(100)], &merged(|_| true, false), true), []);
+        assert_eq!(found(seam(100), &merged(|_| true, false), true), []);
         let dark = merged(|p| p.y > 0.0, false);
         assert_eq!(
-            gaps(&[seam(100)], &dark, false),
+            found(seam(100), &dark, false),
             [],
             "nothing is said if nobody knows where the cameras stood"
         );
@@ -361,7 +369,7 @@ mod tests {
     #[test]
     fn a_stretch_of_a_face_without_points_is_named_to_within_a_bin() {
         let holed = merged(|p| p.y > 0.0 || !(-20.0..40.0).contains(&p.x), false);
-        let found = gaps(&[seam(100)], &holed, true);
+        let found = found(seam(100), &holed, true);
         let [gap] = found.as_slice() else { panic!("{found:?}") };
         assert_eq!((gap.fault, gap.face), (Fault::Unseen, Vector3::y()));
         assert!((gap.from_mm - 80.0).abs() <= BIN_MM && (gap.to_mm - 140.0).abs() <= BIN_MM, "{gap:?}");
@@ -375,12 +383,12 @@ mod tests {
     #[test]
     fn an_end_is_open_only_if_nobody_saw_through_where_the_face_would_be() {
         let short = |p: &Point3<f32>| p.y > 0.0 || p.x < 40.0;
-        let open = gaps(&[seam(40)], &merged(short, false), true);
+        let open = found(seam(40), &merged(short, false), true);
         let [gap] = open.as_slice() else { panic!("{open:?}") };
         assert_eq!(gap.fault, Fault::OpenEnd);
         assert!((gap.from_mm - 140.0).abs() < 1e-9 && gap.to_mm > 180.0, "{gap:?}");
         assert_eq!(
-            gaps(&[seam(40)], &merged(short, true), true),
+            found(seam(40), &merged(short, true), true),
             [],
             "the web ends there: the wall behind was seen"
         );
@@ -390,7 +398,7 @@ mod tests {
     fn a_face_seen_along_itself_is_grazing() {
         let mut low = merged(|_| true, false);
         low.cameras_mm = vec![Point3::new(0.0, 400.0, 40.0)];
-        let found = gaps(&[seam(100)], &low, true);
+        let found = found(seam(100), &low, true);
         assert!(found.iter().all(|gap| gap.fault == Fault::Grazing && gap.face == Vector3::z()), "{found:?}");
         assert_eq!(found.len(), 1);
     }

@@ -13,6 +13,7 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use rows::{CellAt, Rows};
 use std::ops::Range;
+use std::sync::atomic::{AtomicU32, Ordering};
 
 /// Points that a thread takes at a time.
 const SHARE: usize = 1 << 14;
@@ -162,25 +163,38 @@ impl Grid {
 }
 
 /// Counting sort of points by the entry of their cell: first slot of each entry, and the point at each slot.
+///
+/// Each thread counts and places a share of the points; points of a cell stay in their order with any number of threads.
 fn sorted(rows: &Rows, at: &[CellAt]) -> (Vec<u32>, Vec<u32>) {
-    // One place further on, so that filling the cells leaves each entry at its own beginning.
-    let mut start = vec![0u32; rows.entries() + 2];
-    for at in at {
-        start[rows.entry_of(at) + 2] += 1;
-    }
+    let entries = rows.entries();
+    // A share has a table of its own, so it should not be much smaller than that.
+    let share = at.len().div_ceil(rayon::current_num_threads()).max(SHARE).max(entries / 2);
+    let mut shares: Vec<(&[CellAt], Vec<u32>)> = at
+        .par_chunks(share)
+        .map(|at| {
+            // One place further on, so that filling the cells leaves each entry at its own beginning.
+            let mut count = vec![0u32; entries + 1];
+            at.iter().for_each(|at| count[rows.entry_of(at) + 1] += 1);
+            (at, count)
+        })
+        .collect();
     let mut before = 0;
-    for count in &mut start {
-        before += *count;
-        *count = before;
+    for entry in 1..=entries {
+        for (_, count) in &mut shares {
+            before += std::mem::replace(&mut count[entry], before);
+        }
     }
-    let mut order = vec![0; at.len()];
-    for (i, at) in at.iter().enumerate() {
-        let next = &mut start[rows.entry_of(at) + 1];
-        order[*next as usize] = i as u32;
-        *next += 1;
-    }
-    start.truncate(rows.entries() + 1);
-    (start, order)
+    let mut order = Vec::new();
+    order.resize_with(at.len(), AtomicU32::default);
+    shares.par_iter_mut().enumerate().for_each(|(k, (at, next))| {
+        for (i, at) in at.iter().enumerate() {
+            let next = &mut next[rows.entry_of(at) + 1];
+            order[*next as usize].store((k * share + i) as u32, Ordering::Relaxed);
+            *next += 1;
+        }
+    });
+    let start = shares.pop().map_or_else(|| vec![0; entries + 1], |(_, next)| next);
+    (start, order.into_iter().map(AtomicU32::into_inner).collect())
 }
 
 #[cfg(test)]

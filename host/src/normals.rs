@@ -141,10 +141,9 @@ const MIN_BREADTH: f32 = 0.1;
 fn in_cells(view: &View, spacing_mm: f32, cell_mm: f32, config: &Config) -> (Patches, f32) {
     let cells = Cells::new(&view.points_mm, cell_mm);
     let cell_mm = cells.cell_mm();
-    // Windows of 3, 5 and 9 cells, the larger ones tapered.
+    // Windows of 3 and 5 cells; one of 9 where it may be taken. The larger ones are tapered.
     let near = cells.widen(&cells.sums(), 1);
     let wide = cells.widen(&near, 1);
-    let far = cells.widen(&wide, 2);
     let narrow: Vec<Scatter> = near.par_iter().map(Sums::scatter).collect();
     let mut sizes: Vec<f32> = narrow.iter().map(|p| p.variance_mm2).collect();
     let noise_mm2 = median(&mut sizes);
@@ -159,8 +158,8 @@ fn in_cells(view: &View, spacing_mm: f32, cell_mm: f32, config: &Config) -> (Pat
     let fitted = (0..cells.len()).filter(broad).map(|k| cells.moments[k].count).sum();
     let patch = |k: usize| {
         let mut best = narrow[k];
-        for (larger, overlap) in [(&wide[k], 27.0 / 4.0), (&far[k], 27.0 * 27.0 / 16.0)] {
-            let candidate = larger.scatter();
+        for (widest, overlap) in [(false, 27.0 / 4.0), (true, 27.0 * 27.0 / 16.0)] {
+            let candidate = if widest { cells.window(k, &wide, 2) } else { wide[k] }.scatter();
             if candidate.variance_mm2 > config.max_growth * best.variance_mm2.max(noise_mm2) {
                 break;
             }

@@ -5,6 +5,7 @@ mod attempt;
 use self::attempt::{Attempt, Scan};
 use crate::cloud::{Merged, PointCloud, View};
 use crate::downsampling::Voxels;
+use crate::grid::Grid;
 pub use crate::reconstruction::ViewReport;
 use crate::seam::Seam;
 use crate::toolpath::SeamPath;
@@ -87,6 +88,8 @@ pub enum Error {
 pub struct Evidence<'a> {
     /// All registered views, raw.
     pub merged: &'a Merged,
+    /// Spatial index of its points.
+    pub raw: &'a Grid,
     /// The thinned cloud, before the filter.
     pub voxels: &'a Voxels,
     /// The same after it, in the same order.
@@ -113,6 +116,9 @@ pub trait Observer {
 
 impl Observer for () {}
 
+/// Cells in which the raw points are looked up, mm: what seams and their surroundings ask for is a few times as large.
+const RAW_CELL_MM: f32 = 5.0;
+
 /// From views to torch paths: the paper's Fig. 1, one line per stage.
 pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Result<Plan, Error> {
     let mut clock = Clock::default();
@@ -122,17 +128,19 @@ pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Re
     let registration =
         clock.time("reconstruction", || reconstruction::register(views, &patches, &config.reconstruction));
     let merged = clock.time("merge", || Merged::new(views, &registration.base_from_camera));
+    let raw = clock.time("index", || Grid::new(&merged.points_mm, RAW_CELL_MM));
     let first = downsampling::Scale::of(&merged, &patches, &config.downsampling);
-    let scan = Scan { views, merged: &merged, registration: &registration, config };
+    let scan = Scan { views, merged: &merged, raw: &raw, registration: &registration, config };
     let Attempt { scale, voxels, model, found } = scan.best_attempt(&first, &mut clock, observer)?;
     let intensity = &found.intensity;
-    observer.evidence(&Evidence { merged: &merged, voxels: &voxels, model: &model, intensity });
+    observer.evidence(&Evidence { merged: &merged, raw: &raw, voxels: &voxels, model: &model, intensity });
     if found.seams.is_empty() {
         return Err(no_seam(found.reason));
     }
     observer.stage("toolpath");
     let paths = clock.time("toolpath", || found.seams.iter().map(SeamPath::along).collect());
-    let coverage = clock.time("coverage", || coverage::gaps(&found.seams, &merged, scan.cameras_known()));
+    let coverage =
+        clock.time("coverage", || coverage::gaps(&found.seams, &merged, &raw, scan.cameras_known()));
     let reports = if views.len() > 1 { registration.report(views) } else { Vec::new() };
     let mut warnings = registration.warnings(views, &patches);
     warnings.extend(found.warnings);

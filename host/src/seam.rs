@@ -127,6 +127,8 @@ pub struct Config {
 pub struct Input<'a> {
     /// All raw points.
     pub merged: &'a Merged,
+    /// Their spatial index.
+    pub raw: &'a Grid,
     /// The thinned cloud.
     pub voxels: &'a Voxels,
     /// The thinned cloud, denoised, in the same order.
@@ -198,7 +200,7 @@ pub fn find(input: &Input, config: &Config) -> Found {
         chains = splice::joined(chain::trace(&off_table, &grid, v, &config.chain.blurred()), &grid, v);
     }
     let measured: Vec<(&chain::Chain, refine::Refined)> =
-        chains.iter().filter_map(|chain| Some((chain, measure(input, chain, &grid, config)?))).collect();
+        chains.par_iter().filter_map(|chain| Some((chain, measure(input, chain, &grid, config)?))).collect();
     let measured = overlap::apart(measured, v, config.chain.shortest_voxels * v);
     let most_mm = config.refine.reach * v;
     let described = measured.iter().map(|(chain, seam)| describe(input, chain, seam, &grid, most_mm));
@@ -241,7 +243,7 @@ fn chains(
 /// A chain refined; closed where its ends ask for it and raw points bear it out.
 fn measure(input: &Input, chain: &chain::Chain, model: &Grid, config: &Config) -> Option<refine::Refined> {
     let v = input.voxels.edge_mm;
-    let refine = |chain: &chain::Chain| refine::refine(input.merged, chain, v, &config.refine);
+    let refine = |chain: &chain::Chain| refine::refine(input.merged, input.raw, chain, v, &config.refine);
     let whole = loops::closed(chain, model, v, config.chain.step_voxels * v)
         .and_then(|chain| refine(&chain))
         .filter(|seam| longest_gap(&seam.measured) as f32 * seam.step_mm <= 2.0 * config.refine.gap * v);
@@ -254,7 +256,7 @@ fn measure(input: &Input, chain: &chain::Chain, model: &Grid, config: &Config) -
             break;
         }
         open.acute_root = end_mm / v + OPEN_VOXELS;
-        let Some(better) = refine::refine(input.merged, chain, v, &open) else { break };
+        let Some(better) = refine::refine(input.merged, input.raw, chain, v, &open) else { break };
         refined = better;
     }
     Some(refined)
@@ -273,10 +275,10 @@ fn steps(input: &Input, table: Option<&support::Support>, model: &Grid, config: 
     let (on_table, off_table): (Vec<_>, Vec<_>) = corners.into_iter().partition(is_table);
     let chains = chains(input, &off_table, &on_table, model, &config.chain);
     let refine = |chain: &chain::Chain| {
-        let scan = step::Scan { merged: input.merged, of_cameras: input.cameras_known };
+        let scan = step::Scan { merged: input.merged, raw: input.raw, of_cameras: input.cameras_known };
         step::refine(&scan, chain, v, &config.refine, &config.step)
     };
-    let measured = chains.iter().filter_map(|chain| Some((chain, refine(chain)?))).collect();
+    let measured = chains.par_iter().filter_map(|chain| Some((chain, refine(chain)?))).collect();
     let measured = overlap::apart(measured, v, config.chain.shortest_voxels * v);
     let seams = measured.iter().map(|(chain, refined)| {
         let seam = describe(input, chain, refined, model, config.refine.reach * v);

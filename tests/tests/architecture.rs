@@ -39,6 +39,7 @@ const HOST: &[(&str, &[&str])] = &[
         "pipeline",
         &[
             "cloud",
+            "grid",
             "normals",
             "reconstruction",
             "downsampling",

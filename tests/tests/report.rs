@@ -11,6 +11,7 @@ use serde_json::Value;
 use weldpath::cloud::{Merged, PointCloud};
 use weldpath::downsampling::Voxels;
 use weldpath::evaluation::{Options, PathSet, Truth};
+use weldpath::grid::Grid;
 use weldpath::job::Job;
 use weldpath::pipeline::{Evidence, Plan};
 use weldpath::postprocessing::postprocess;
@@ -54,11 +55,17 @@ fn report(plan: &Plan, job: &str) -> [String; 2] {
         cameras_mm: [-100.0, 0.0, 100.0].map(|x| Point3::new(x, -200.0, 300.0)).to_vec(),
         ..Merged::default()
     };
+    let index = Grid::new(&raw, 5.0);
     let cloud = PointCloud { points_mm: raw, ..model.clone() };
     let voxels = Voxels { cloud, edge_mm: 1.0, ..Voxels::default() };
     let intensity: Vec<f32> = model.points_mm.iter().map(|p| if p.z < 3.0 { 0.2 } else { 0.03 }).collect();
-    let recording =
-        Recording::of(&Evidence { merged: &merged, voxels: &voxels, model, intensity: &intensity });
+    let recording = Recording::of(&Evidence {
+        merged: &merged,
+        raw: &index,
+        voxels: &voxels,
+        model,
+        intensity: &intensity,
+    });
     let job = Job::parse(job, Path::new("job.toml")).unwrap();
     let output = postprocess(plan, &job, Default::default()).unwrap();
     let files = report::files(plan, &output, &recording, &job);

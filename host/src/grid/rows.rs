@@ -69,12 +69,25 @@ impl Rows {
 
     /// Finds the extent of each row.
     fn lay(&mut self, at: &[CellAt]) {
-        let mut span = vec![(u32::MAX, 0u32); self.cells[1] * self.cells[2]];
-        for at in at {
-            let s = &mut span[at.row as usize];
-            *s = (s.0.min(at.x), s.1.max(at.x + 1));
-        }
-        self.rows.reserve_exact(span.len() + 1);
+        let rows = self.cells[1] * self.cells[2];
+        // A share has a table of its own, so it should not be smaller than that.
+        let share = at.len().div_ceil(rayon::current_num_threads()).max(SHARE).max(2 * rows);
+        let wider = |s: (u32, u32), t: (u32, u32)| (s.0.min(t.0), s.1.max(t.1));
+        let nothing = || vec![(u32::MAX, 0u32); rows];
+        let of_share = |at: &[CellAt]| {
+            let mut span = nothing();
+            at.iter().for_each(|at| {
+                let s = &mut span[at.row as usize];
+                *s = wider(*s, (at.x, at.x + 1));
+            });
+            span
+        };
+        let both = |mut span: Vec<_>, other: Vec<_>| {
+            span.iter_mut().zip(other).for_each(|(s, t)| *s = wider(*s, t));
+            span
+        };
+        let span = at.par_chunks(share).map(of_share).reduce_with(both).unwrap_or_else(nothing);
+        self.rows.reserve_exact(rows + 1);
         let mut entry = 0;
         for (first_x, end_x) in span {
             self.rows.push(Row { first_x, entry });

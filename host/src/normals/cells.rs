@@ -6,6 +6,7 @@ use super::{Moments, Scatter};
 use crate::grid::rows::Rows;
 use nalgebra::Point3;
 use rayon::prelude::*;
+use wide::f64x2;
 
 /// Points that a thread takes at a time.
 const SHARE: usize = 1 << 14;
@@ -72,26 +73,27 @@ impl Cells {
     /// The sums of one cell and its 26 neighbours `stride` cells away.
     pub(crate) fn window(&self, k: usize, sums: &[Sums], stride: usize) -> Sums {
         let at = self.places[k].map(|at| at as usize);
-        let steps = |k: usize| {
-            let low = at[k].checked_sub(stride);
-            let high = Some(at[k] + stride).filter(|&at| at < self.rows.cells[k]);
-            [low, Some(at[k]), high].into_iter().flatten()
-        };
-        let mut window = Sums::default();
-        for z in steps(2) {
-            for y in steps(1) {
+        let steps = |k: usize| [at[k].wrapping_sub(stride), at[k], at[k] + stride];
+        let mut window = [f64x2::ZERO; 5];
+        for z in steps(2).into_iter().filter(|&z| z < self.rows.cells[2]) {
+            for y in steps(1).into_iter().filter(|&y| y < self.rows.cells[1]) {
                 let (row, end) = self.rows.row(y, z);
                 let entries = &self.at[row.entry as usize..end as usize];
                 for x in steps(0) {
-                    let place = x.wrapping_sub(row.first_x as usize);
-                    let found = entries.get(place).map_or(0, |at| *at as usize);
-                    if let Some(other) = found.checked_sub(1) {
-                        window.absorb(&sums[other]);
+                    // Outside the row, on either side, there is no entry.
+                    let found =
+                        entries.get(x.wrapping_sub(row.first_x as usize)).map_or(0, |at| *at as usize);
+                    if let Some(other) = sums.get(found.wrapping_sub(1)) {
+                        let pairs = other.0.as_chunks().0.iter();
+                        window.iter_mut().zip(pairs).for_each(|(own, more)| *own += f64x2::new(*more));
                     }
                 }
             }
         }
-        window
+        let mut sums = Sums::default();
+        let pairs = sums.0.as_chunks_mut().0.iter_mut();
+        pairs.zip(window).for_each(|(own, pair)| *own = pair.to_array());
+        sums
     }
 }
 
@@ -137,10 +139,6 @@ impl Sums {
             s[4] + y * w + z * v + n * y * z,
             s[5] + 2.0 * z * w + n * z * z,
         ])
-    }
-
-    fn absorb(&mut self, other: &Self) {
-        self.0.iter_mut().zip(&other.0).for_each(|(own, more)| *own += more);
     }
 
     /// How the points scatter about their mean.

@@ -3,6 +3,7 @@
 use super::{Clock, Config, Error, Method, Observer, no_seam};
 use crate::cloud::{Merged, PointCloud, View};
 use crate::downsampling::{self, Scale, Voxels};
+use crate::grid::Grid;
 use crate::reconstruction::Registration;
 use crate::seam::{self, Found, Input, Seam, Trial};
 use crate::{denoising, orientation};
@@ -11,6 +12,8 @@ use crate::{denoising, orientation};
 pub(super) struct Scan<'a> {
     pub views: &'a [View],
     pub merged: &'a Merged,
+    /// Spatial index of its points.
+    pub raw: &'a Grid,
     pub registration: &'a Registration,
     pub config: &'a Config,
 }
@@ -72,6 +75,7 @@ impl Scan<'_> {
         observer.stage("seam");
         let input = Input {
             merged: self.merged,
+            raw: self.raw,
             voxels: &voxels,
             model: &model,
             registration: Some(self.registration),

@@ -71,7 +71,7 @@ mod tests {
         let (merged, model) = (&Merged::default(), &cloud);
         let grid = Grid::new(&cloud.points_mm, 4.0);
         let intensity = &edges::score(&voxels, model, &grid, 4.0).intensity;
-        let mut ours = sampled(&Evidence { merged, voxels: &voxels, model, intensity });
+        let mut ours = sampled(&Evidence { merged, raw: &grid, voxels: &voxels, model, intensity });
         let mut theirs: Vec<f32> = paper::tensors(model, 1.0).iter().map(|t| t.ratio()).collect();
         ours.sort_by(f32::total_cmp);
         theirs.sort_by(f32::total_cmp);

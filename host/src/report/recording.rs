@@ -61,7 +61,7 @@ impl Clouds {
 impl Recording {
     /// Keeps a sample of what there is to see.
     pub fn of(evidence: &Evidence) -> Self {
-        let Evidence { merged, voxels, model, intensity } = *evidence;
+        let Evidence { merged, raw: index, voxels, model, intensity } = *evidence;
         let frame = Frame::around(model.origin_mm, &model.points_mm, MARGIN);
         let raw_of = merged.points_mm.len();
         let mut raw_picks: Vec<usize> = even_sample(raw_of, RAW_POINTS).collect();
@@ -93,7 +93,7 @@ impl Recording {
                 RATIO_HIGH,
                 ratio::sampled(evidence).into_iter(),
             ),
-            spacing_mm: Histogram::of_lengths(spacings_mm(merged, voxels.edge_mm)),
+            spacing_mm: Histogram::of_lengths(spacings_mm(merged, index, voxels.edge_mm)),
         }
     }
 }
@@ -130,15 +130,15 @@ fn cameras_mm(merged: &Merged) -> Vec<Point3<f64>> {
 }
 
 /// Distances from a sample of the first view's points to the nearest distinct one.
-fn spacings_mm(merged: &Merged, edge_mm: f32) -> Vec<f32> {
-    let of_first = merged.points_mm.iter().zip(&merged.view).filter(|(_, view)| **view == 0);
-    let points: Vec<Point3<f32>> = of_first.map(|(p, _)| *p).collect();
-    let grid = Grid::new(&points, edge_mm);
-    let nearest_mm = |i: usize| {
-        let other = |slot: usize| grid.point(slot) != points[i];
-        grid.nearest(&points[i], 8.0 * edge_mm, other).map(|(_, d2)| d2.sqrt())
+fn spacings_mm(merged: &Merged, index: &Grid, edge_mm: f32) -> Vec<f32> {
+    let is_first = |i: usize| merged.view[i] == 0;
+    let of_first: Vec<usize> = (0..merged.points_mm.len()).filter(|&i| is_first(i)).collect();
+    let nearest_mm = |k: usize| {
+        let point = &merged.points_mm[of_first[k]];
+        let other = |slot: usize| is_first(index.index(slot)) && index.point(slot) != *point;
+        index.nearest(point, 8.0 * edge_mm, other).map(|(_, d2)| d2.sqrt())
     };
-    even_sample(points.len(), SPACING_SAMPLE).filter_map(nearest_mm).collect()
+    even_sample(of_first.len(), SPACING_SAMPLE).filter_map(nearest_mm).collect()
 }
 
 #[cfg(test)]
@@ -167,7 +167,13 @@ mod tests {
         let view = (0..400).map(|k| u16::from(k >= 200)).collect();
         let cameras_mm = vec![Point3::new(0.0, 0.0, 300.0), Point3::new(0.0, 0.0, 1e5)];
         let merged = Merged { points_mm: raised, view, cameras_mm, ..Merged::default() };
-        let evidence = Evidence { merged: &merged, voxels: &voxels, model: &model, intensity: &[0.3; 400] };
+        let evidence = Evidence {
+            merged: &merged,
+            raw: &Grid::new(&merged.points_mm, 5.0),
+            voxels: &voxels,
+            model: &model,
+            intensity: &[0.3; 400],
+        };
         let recording = Recording::of(&evidence);
         let clouds = recording.clouds.unwrap();
         assert_eq!((clouds.model.len(), clouds.raw.len()), (400, 400));
@@ -176,7 +182,7 @@ mod tests {
             assert_eq!(sample.view, u16::from(k >= 200), "point {k}");
         }
         assert_eq!(recording.cameras_mm.len(), 1, "a camera of unknown place is not drawn");
-        let spacing = spacings_mm(&merged, 1.0);
+        let spacing = spacings_mm(&merged, evidence.raw, 1.0);
         assert!(spacing.len() == 200 && spacing.iter().all(|mm| (mm - 1.0).abs() < 1e-5));
     }
 }

@@ -10,6 +10,7 @@ use super::section::{Beside, Frame, beside, near_path};
 use super::smooth::{Curve, Samples};
 use super::stretch;
 use crate::cloud::Merged;
+use crate::grid::Grid;
 use crate::normals::median;
 use nalgebra::{Matrix2, Point3, Rotation3, Vector2, Vector3};
 use rayon::prelude::*;
@@ -108,8 +109,8 @@ impl Refined {
     }
 }
 
-/// Refines a chain; `None` if too little of it is supported by raw points.
-pub fn refine(merged: &Merged, chain: &Chain, voxel_mm: f32, config: &Config) -> Option<Refined> {
+/// Refines a chain; `None` if too little of it is supported by raw points, which are indexed by `raw`.
+pub fn refine(merged: &Merged, raw: &Grid, chain: &Chain, voxel_mm: f32, config: &Config) -> Option<Refined> {
     let mut path = Path::new(chain, config.step * voxel_mm)?;
     let reach_mm = config.reach * voxel_mm;
     let mut near = Vec::new();
@@ -118,7 +119,7 @@ pub fn refine(merged: &Merged, chain: &Chain, voxel_mm: f32, config: &Config) ->
         let added = if round == 0 { 2 } else { 4 };
         path.extend(added);
         if round < 2 {
-            near = near_path(merged, &path.frames, reach_mm + 4.0 * voxel_mm);
+            near = near_path(raw, &path.frames, reach_mm + 4.0 * voxel_mm);
         }
         let section = Section::new(merged, &near, &path, voxel_mm, config, round);
         let stations = section.stations(&path);

@@ -67,25 +67,21 @@ pub struct Beside {
     pub incidence_cos: f32,
 }
 
-/// Raw points near a path, culled once.
-pub fn near_path(merged: &Merged, frames: &[Frame], reach_mm: f32) -> Vec<u32> {
+/// Indices, ascending, of the points of `raw` that are nearer than `reach_mm` to a station.
+pub fn near_path(raw: &Grid, frames: &[Frame], reach_mm: f32) -> Vec<u32> {
     let stations: Vec<_> = frames.iter().map(|f| f.position).collect();
     let grid = Grid::new(&stations, reach_mm);
-    let (low, high) =
-        stations.iter().fold((Vector3::repeat(f32::MAX), Vector3::repeat(f32::MIN)), |(l, h), p| {
-            (l.inf(&p.coords), h.sup(&p.coords))
-        });
-    let (low, high) = (low.add_scalar(-reach_mm), high.add_scalar(reach_mm));
-    (0..merged.points_mm.len() as u32)
-        .into_par_iter()
-        .with_min_len(4096)
-        .filter(|&k| {
-            let p = &merged.points_mm[k as usize];
-            let inside =
-                p.x > low.x && p.y > low.y && p.z > low.z && p.x < high.x && p.y < high.y && p.z < high.z;
-            inside && grid.is_near(p, reach_mm)
-        })
-        .collect()
+    // Where the first point of a cell is farther than this, all of it is.
+    let cell_reach_mm = reach_mm + 1.001 * 3f32.sqrt() * raw.cell_mm();
+    let cells: Vec<_> = raw.occupied().map(|(_, slots)| slots).collect();
+    let near = cells.into_par_iter().with_min_len(256).flat_map_iter(|slots| {
+        let some = grid.is_near(&raw.point(slots.start), cell_reach_mm);
+        let slots = if some { slots } else { 0..0 };
+        slots.filter(|&slot| grid.is_near(&raw.point(slot), reach_mm)).map(|slot| raw.index(slot) as u32)
+    });
+    let mut near: Vec<u32> = near.collect();
+    near.par_sort_unstable();
+    near
 }
 
 /// Seam coordinates of raw points nearer than `reach_mm` to the seam; those beyond the ends of an open seam by more than a

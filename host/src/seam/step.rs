@@ -159,6 +159,8 @@ impl Scene<'_> {
 pub struct Scan<'a> {
     /// All raw points.
     pub merged: &'a Merged,
+    /// Their spatial index.
+    pub raw: &'a Grid,
     /// Whether they are from cameras, not from a model.
     pub of_cameras: bool,
 }
@@ -177,7 +179,7 @@ pub fn refine(
     for _ in 0..sizes.rounds {
         path.extend(2);
         let reach_mm = (config.height.1 + config.strip) * voxel_mm;
-        let near = near_path(merged, &path.frames, reach_mm);
+        let near = near_path(scan.raw, &path.frames, reach_mm);
         let points = beside(merged, &near, &path.frames, path.closed, path.step_mm, reach_mm);
         let (section, height_mm) = layers(scan, &points, &path, voxel_mm, sizes, config)?;
         let stations: Vec<Option<Station>> = (0..path.frames.len())
