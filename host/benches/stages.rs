@@ -16,7 +16,7 @@ use weldpath::normals::{self, pointwise};
 use weldpath::pipeline;
 use weldpath::reconstruction::{self, register};
 use weldpath::scan;
-use weldpath::seam::edges;
+use weldpath::seam::{self, edges};
 
 #[allow(dead_code)]
 mod clouds;
@@ -181,17 +181,19 @@ fn seam(bencher: Bencher, case: Case) {
     let voxels = voxel_grid(&merged, scale.edge_mm, scale.least);
     let model = bilateral(&voxels.cloud, &scale.bilateral());
     let raw = Grid::new(&merged.points_mm, 5.0);
-    let input = weldpath::seam::Input {
+    let index = Grid::new(&model.points_mm, seam::INDEX_VOXELS * scale.edge_mm);
+    let input = seam::Input {
         merged: &merged,
         raw: &raw,
         voxels: &voxels,
         model: &model,
+        index: &index,
         registration: None,
         names: vec!["view"],
         cameras_known: true,
-        trial: weldpath::seam::Trial { coarser: false, last: false },
+        trial: seam::Trial { coarser: false, last: false },
     };
-    run(bencher, case, || weldpath::seam::find(&input, &Default::default()).seams);
+    run(bencher, case, || seam::find(&input, &Default::default()).seams);
 }
 
 #[divan::bench(args = CASES)]

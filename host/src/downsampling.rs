@@ -104,8 +104,18 @@ pub struct Voxels {
     pub count: Vec<f32>,
     /// Direction from each point to the cameras that saw it.
     pub toward_camera: Vec<Vector3<f32>>,
+    /// View that most of each voxel's points are of.
+    pub view: Vec<u16>,
     /// Edge of a voxel, mm.
     pub edge_mm: f32,
+}
+
+impl Voxels {
+    /// Takes normals out of the material where no camera tells the sides: they are seen from where they point.
+    pub fn turn(&mut self, normals: Vec<Vector3<f32>>) {
+        self.toward_camera.clone_from(&normals);
+        self.cloud.normals = normals;
+    }
 }
 
 /// Centroids of the occupied voxels of finite `points`, in the order of the voxels along x, then y, then z: where
@@ -113,30 +123,28 @@ pub struct Voxels {
 ///
 /// Voxels have an edge of `edge_mm`, or more where their table would outgrow the points.
 pub fn centroids(points: &[Point3<f32>], edge_mm: f32) -> Vec<Point3<f32>> {
-    Cells::new(points, edge_mm).centroids()
+    let cells = Cells::new(points, edge_mm);
+    (0..cells.len()).map(|k| cells.centroid(k)).collect()
 }
 
 /// Thins a cloud to one point per voxel of `edge_mm` that holds at least `least` points.
 pub fn voxel_grid(merged: &Merged, edge_mm: f32, least: u32) -> Voxels {
     let cells = Cells::new(&merged.points_mm, edge_mm);
-    let sums = cells.sums();
-    let places = cells.centroids();
-    let toward = toward_cameras(merged, &cells, &places);
     let given = given_normals(merged, &cells);
     let kept: Vec<usize> = (0..cells.len()).filter(|&k| cells.moments[k].count >= least as f32).collect();
-    let normal = |&k: &usize| match given.get(k) {
+    let points_mm: Vec<Point3<f32>> = kept.par_iter().map(|&k| cells.centroid(k)).collect();
+    let sums = cells.sums();
+    let sights = sights(merged, &cells, &kept, &points_mm);
+    let normal = |(&k, seen): (&usize, &Sight)| match given.get(k) {
         Some(&given) => given,
-        None => facing(cells.window(k, &sums, 1).scatter().normal(), &toward[k]),
+        None => facing(cells.window(k, &sums, 1).scatter().normal(), &seen.toward),
     };
-    let of_kept = |all: &[Vector3<f32>]| kept.iter().map(|&k| all[k]).collect();
+    let normals = kept.par_iter().zip(&sights).map(normal).collect();
     Voxels {
-        cloud: PointCloud {
-            origin_mm: merged.origin_mm,
-            points_mm: kept.iter().map(|&k| places[k]).collect(),
-            normals: kept.par_iter().map(normal).collect(),
-        },
+        cloud: PointCloud { origin_mm: merged.origin_mm, points_mm, normals },
         count: kept.iter().map(|&k| cells.moments[k].count).collect(),
-        toward_camera: of_kept(&toward),
+        toward_camera: sights.iter().map(|seen| seen.toward).collect(),
+        view: sights.iter().map(|seen| seen.most.0).collect(),
         edge_mm: cells.cell_mm(),
     }
 }
@@ -159,41 +167,80 @@ fn given_normals(merged: &Merged, cells: &Cells) -> Vec<Vector3<f32>> {
     sums.iter().map(direction).collect()
 }
 
-/// Mean direction from each voxel to the cameras of its points.
+/// From where a voxel was seen.
+#[derive(Debug, Clone, Copy, Default)]
+struct Sight {
+    /// Directions to the cameras of its points: their sum, at last their mean.
+    toward: Vector3<f32>,
+    /// The view whose points are being counted.
+    latest: (u16, u32),
+    /// The view that most points are of.
+    most: (u16, u32),
+}
+
+impl Sight {
+    fn add(&mut self, view: u16, place: &Point3<f32>, cameras_mm: &[Point3<f32>]) {
+        if self.latest.0 != view {
+            self.end(place, cameras_mm);
+            self.latest = (view, 0);
+        }
+        self.latest.1 += 1;
+    }
+
+    /// Adds the points of the latest view.
+    fn end(&mut self, place: &Point3<f32>, cameras_mm: &[Point3<f32>]) {
+        let (view, count) = self.latest;
+        if count > 0 {
+            self.toward += (cameras_mm[usize::from(view)] - place).normalize() * count as f32;
+        }
+        if count > self.most.1 {
+            self.most = self.latest;
+        }
+    }
+}
+
+/// From where each of the `kept` voxels, whose points are at `places`, was seen.
 ///
 /// Points come view by view, so a voxel's are counted until one of another view comes: a direction a view, not a point.
-fn toward_cameras(merged: &Merged, cells: &Cells, places: &[Point3<f32>]) -> Vec<Vector3<f32>> {
-    let toward = |k: usize, view: u16, count: f32| {
-        (merged.cameras_mm[usize::from(view)] - places[k]).normalize() * count
-    };
-    // Sum of directions, and the latest view and its points.
-    let mut seen = vec![(Vector3::zeros(), 0u16, 0f32); cells.len()];
-    let share = cells.len().div_ceil(rayon::current_num_threads()).max(1);
-    // A thread takes a range of voxels and passes over all points.
-    seen.par_chunks_mut(share).enumerate().for_each(|(range, own)| {
-        let first = range * share;
-        for (&k, &view) in cells.of_point.iter().zip(&merged.view) {
-            let k = k as usize;
-            let Some((sum, of, count)) = own.get_mut(k.wrapping_sub(first)) else { continue };
-            if *of == view {
-                *count += 1.0;
-            } else {
-                if *count > 0.0 {
-                    *sum += toward(k, *of, *count);
-                }
-                (*of, *count) = (view, 1.0);
+fn sights(merged: &Merged, cells: &Cells, kept: &[usize], places: &[Point3<f32>]) -> Vec<Sight> {
+    let mut at = vec![u32::MAX; cells.len()];
+    kept.iter().zip(0..).for_each(|(&k, own)| at[k] = own);
+    let cameras_mm = &merged.cameras_mm;
+    let of_share = |share: usize| {
+        let cells_of = |share: usize| (share * cells.shares.cells).min(cells.len());
+        let of = |share: usize| kept.partition_point(|k| *k < cells_of(share));
+        let (first, places) = (of(share), &places[of(share)..of(share + 1)]);
+        let mut sights = vec![Sight::default(); places.len()];
+        cells.shares.visit(share, |i| {
+            let k = at[cells.of_point[i] as usize].wrapping_sub(first as u32) as usize;
+            if let (Some(sight), Some(place)) = (sights.get_mut(k), places.get(k)) {
+                sight.add(merged.view[i], place, cameras_mm);
             }
+        });
+        for (sight, place) in sights.iter_mut().zip(places) {
+            sight.end(place, cameras_mm);
+            sight.toward = direction(&sight.toward);
         }
-    });
-    let last = |(k, (sum, view, count)): (usize, (Vector3<f32>, u16, f32))| {
-        direction(&(sum + toward(k, view, count)))
+        sights
     };
-    seen.into_par_iter().enumerate().map(last).collect()
+    let shares = cells.len().div_ceil(cells.shares.cells);
+    (0..shares).into_par_iter().flat_map_iter(of_share).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_voxel_tells_which_view_saw_most_of_it_and_where_the_cameras_are() {
+        // Three points of the first view, two of the second and two of the third, all in one voxel.
+        let view = vec![0, 0, 0, 1, 1, 2, 2];
+        let cameras_mm = [[0.0, 0.0, 100.0], [100.0, 0.0, 0.0], [0.0, 100.0, 0.0]].map(Point3::from).to_vec();
+        let merged = Merged { points_mm: vec![Point3::origin(); 7], view, cameras_mm, ..Merged::default() };
+        let voxels = voxel_grid(&merged, 1.0, 1);
+        assert_eq!(voxels.view, [0]);
+        assert!((voxels.toward_camera[0] - Vector3::new(2.0, 2.0, 3.0).normalize()).norm() < 1e-6);
+    }
 
     #[test]
     fn a_centroid_is_the_mean_of_its_voxel_and_no_other() {

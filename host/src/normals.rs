@@ -142,8 +142,8 @@ fn in_cells(view: &View, spacing_mm: f32, cell_mm: f32, config: &Config) -> (Pat
     let cells = Cells::new(&view.points_mm, cell_mm);
     let cell_mm = cells.cell_mm();
     // Windows of 3 and 5 cells; one of 9 where it may be taken. The larger ones are tapered.
-    let near = cells.widen(&cells.sums(), 1);
-    let wide = cells.widen(&near, 1);
+    let near = cells.widen(&cells.sums());
+    let wide = cells.widen(&near);
     let narrow: Vec<Scatter> = near.par_iter().map(Sums::scatter).collect();
     let mut sizes: Vec<f32> = narrow.iter().map(|p| p.variance_mm2).collect();
     let noise_mm2 = median(&mut sizes);
@@ -167,8 +167,7 @@ fn in_cells(view: &View, spacing_mm: f32, cell_mm: f32, config: &Config) -> (Pat
         }
         let own = &cells.moments[k];
         // The cell's own mean, not its foot on a larger plane: that would move curved surfaces inward.
-        let position = cells.centres_mm[k] + own.sum / own.count;
-        Patch::facing_camera(&best, position, own.count, config.min_incidence_cos)
+        Patch::facing_camera(&best, cells.centroid(k), own.count, config.min_incidence_cos)
     };
     let found = (0..cells.len()).into_par_iter().filter(|&k| enough(k)).filter_map(patch).collect();
     let patches = Patches { cell_mm, spacing_mm, noise_mm: quiet_mm2.sqrt(), ..Patches::of(found) };

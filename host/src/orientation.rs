@@ -5,78 +5,73 @@
 
 use crate::downsampling::Voxels;
 use crate::grid::Grid;
-use std::cmp::Ordering;
+use nalgebra::Vector3;
 use std::collections::BinaryHeap;
 
 /// Neighbours farther apart than this are not the same surface, voxels.
 const REACH_VOXELS: f32 = 2.0;
 
-/// Turns the normals of a cloud to one side of its surface.
-pub fn propagate(voxels: &mut Voxels) {
+/// The normals of a cloud, turned to one side of its surface.
+pub fn propagated(voxels: &Voxels) -> Vec<Vector3<f32>> {
     let reach = REACH_VOXELS * voxels.edge_mm;
-    let points = &voxels.cloud.points_mm;
-    let grid = Grid::new(points, reach);
-    let mut done = vec![false; points.len()];
-    let mut by_height: Vec<usize> = (0..points.len()).collect();
-    by_height.sort_unstable_by(|&a, &b| points[b].z.total_cmp(&points[a].z));
-    let normals = &mut voxels.cloud.normals;
+    let grid = Grid::new(&voxels.cloud.points_mm, reach);
+    let mut normals: Vec<Vector3<f32>> =
+        (0..grid.len()).map(|slot| voxels.cloud.normals[grid.index(slot)]).collect();
+    let mut waiting = vec![Step { likeness: f32::NEG_INFINITY, from: 0 }; grid.len()];
+    let mut by_height: Vec<usize> = (0..grid.len()).collect();
+    let [.., heights] = grid.columns();
+    by_height.sort_unstable_by(|&a, &b| heights[b].total_cmp(&heights[a]));
+    let mut queue = BinaryHeap::new();
     for seed in by_height {
-        if done[seed] {
+        if waiting[seed].likeness == DONE {
             continue;
         }
         if normals[seed].z < 0.0 {
             normals[seed] = -normals[seed];
         }
-        let mut queue = BinaryHeap::from([Step { likeness: 1.0, from: seed, to: seed }]);
-        while let Some(step) = queue.pop() {
-            if std::mem::replace(&mut done[step.to], true) {
+        waiting[seed].from = seed as u32;
+        queue.push(key(1.0, seed));
+        while let Some(to) = queue.pop().map(|key| key as u32 as usize) {
+            if std::mem::replace(&mut waiting[to].likeness, DONE) == DONE {
                 continue;
             }
-            if normals[step.to].dot(&normals[step.from]) < 0.0 {
-                normals[step.to] = -normals[step.to];
-            }
-            let own = normals[step.to];
-            grid.within(&points[step.to], reach, |slot, _| {
-                let to = grid.index(slot);
-                if !done[to] {
-                    queue.push(Step { likeness: own.dot(&normals[to]).abs(), from: step.to, to });
+            let own = normals[to];
+            let own = if own.dot(&normals[waiting[to].from as usize]) < 0.0 { -own } else { own };
+            normals[to] = own;
+            grid.within(&grid.point(to), reach, |other, _| {
+                let likeness = own.dot(&normals[other]).abs();
+                // A step that is less alike than the one that waits would come too late.
+                if likeness > waiting[other].likeness {
+                    waiting[other] = Step { likeness, from: to as u32 };
+                    queue.push(key(likeness, other));
                 }
             });
         }
     }
-    voxels.toward_camera.clone_from(&voxels.cloud.normals);
+    let mut turned = vec![Vector3::zeros(); grid.len()];
+    normals.into_iter().enumerate().for_each(|(slot, normal)| turned[grid.index(slot)] = normal);
+    turned
 }
 
+/// More alike than any two unit vectors: the normal is turned.
+const DONE: f32 = f32::INFINITY;
+
+/// The likest step to a slot so far.
+#[derive(Clone, Copy)]
 struct Step {
     likeness: f32,
-    from: usize,
-    to: usize,
+    from: u32,
 }
 
-impl PartialEq for Step {
-    fn eq(&self, other: &Self) -> bool {
-        self.cmp(other) == Ordering::Equal
-    }
-}
-
-impl Eq for Step {}
-
-impl PartialOrd for Step {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        Some(self.cmp(other))
-    }
-}
-
-impl Ord for Step {
-    fn cmp(&self, other: &Self) -> Ordering {
-        self.likeness.total_cmp(&other.likeness)
-    }
+/// Orders the steps to slots by their likeness, 0 or more: the bits of such numbers are ordered as they are.
+fn key(likeness: f32, slot: usize) -> u64 {
+    u64::from(likeness.to_bits()) << 32 | slot as u64
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::{Point3, Vector3};
+    use nalgebra::Point3;
 
     #[test]
     fn the_faces_of_a_step_get_their_air_side() {
@@ -97,8 +92,7 @@ mod tests {
                 }
             }
         }
-        propagate(&mut voxels);
-        let wrong = voxels.cloud.normals.iter().filter(|n| n.z < -0.1 || n.y > 0.1).count();
+        let wrong = propagated(&voxels).iter().filter(|n| n.z < -0.1 || n.y > 0.1).count();
         assert_eq!(wrong, 0);
     }
 }

@@ -94,6 +94,8 @@ pub struct Evidence<'a> {
     pub voxels: &'a Voxels,
     /// The same after it, in the same order.
     pub model: &'a PointCloud,
+    /// Spatial index of the model.
+    pub index: &'a Grid,
     /// Edge intensity of each point of the model.
     pub intensity: &'a [f32],
 }
@@ -131,9 +133,16 @@ pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Re
     let raw = clock.time("index", || Grid::new(&merged.points_mm, RAW_CELL_MM));
     let first = downsampling::Scale::of(&merged, &patches, &config.downsampling);
     let scan = Scan { views, merged: &merged, raw: &raw, registration: &registration, config };
-    let Attempt { scale, voxels, model, found } = scan.best_attempt(&first, &mut clock, observer)?;
+    let Attempt { scale, voxels, model, index, found } = scan.best_attempt(&first, &mut clock, observer)?;
     let intensity = &found.intensity;
-    observer.evidence(&Evidence { merged: &merged, raw: &raw, voxels: &voxels, model: &model, intensity });
+    observer.evidence(&Evidence {
+        merged: &merged,
+        raw: &raw,
+        voxels: &voxels,
+        model: &model,
+        index: &index,
+        intensity,
+    });
     if found.seams.is_empty() {
         return Err(no_seam(found.reason));
     }

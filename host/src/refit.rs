@@ -102,7 +102,8 @@ pub fn cloud(views: &[View]) -> PointCloud {
     let scale = downsampling::Scale::of(&merged, &patches, &downsampling::Config::default());
     let mut voxels = downsampling::voxel_grid(&merged, scale.edge_mm, scale.least);
     if views.iter().any(|view| !view.camera_known && view.normals.is_empty()) {
-        orientation::propagate(&mut voxels);
+        let normals = orientation::propagated(&voxels);
+        voxels.turn(normals);
     }
     voxels.cloud
 }

@@ -34,9 +34,12 @@ pub fn files(plan: &Plan, output: &Output, recording: &Recording, job: &Job) -> 
     let title = title(job);
     let run = Run { plan, output, recording, job, title: &title };
     let scene = content::Scene::of(&run);
-    let (content, bytes) = content::document(&run, &scene);
-    let picture = picture::svg(&run, &scene);
-    vec![File::new(PAGE, page::page(&title, &content, &bytes)), File::new(PICTURE, picture)]
+    let page = || {
+        let (content, bytes) = content::document(&run, &scene);
+        page::page(&title, &content, &bytes)
+    };
+    let (page, picture) = rayon::join(page, || picture::svg(&run, &scene));
+    vec![File::new(PAGE, page), File::new(PICTURE, picture)]
 }
 
 /// The same of a run that found no seam: what was seen, and in `reason` why nothing came of it. Empty if nothing was

@@ -133,6 +133,8 @@ pub struct Input<'a> {
     pub voxels: &'a Voxels,
     /// The thinned cloud, denoised, in the same order.
     pub model: &'a PointCloud,
+    /// Spatial index of its points, in cells of [`INDEX_VOXELS`].
+    pub index: &'a Grid,
     /// Where the views are, if there are several.
     pub registration: Option<&'a Registration>,
     /// Names of the views, for messages.
@@ -142,6 +144,9 @@ pub struct Input<'a> {
     /// Which size of voxels this is.
     pub trial: Trial,
 }
+
+/// Edge of the cells in which the model is looked up, and radius of the edge intensity, voxels.
+pub const INDEX_VOXELS: f32 = 4.0;
 
 /// Where one size of voxels stands among those that are tried.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -187,23 +192,23 @@ pub struct Found {
 /// Weldable seams of a cloud (paper II-E, and beyond it: several seams, types, order, accuracy below the voxel).
 pub fn find(input: &Input, config: &Config) -> Found {
     let v = input.voxels.edge_mm;
-    let grid = Grid::new(&input.model.points_mm, 4.0 * v);
-    let scores = edges::score(input.voxels, input.model, &grid, 4.0 * v);
+    let grid = input.index;
+    let scores = edges::score(input.voxels, input.model, grid, INDEX_VOXELS * v);
     let corners = corners(input, &scores, &config.corner);
     let table = support::find(input.voxels);
     let (on_table, off_table): (Vec<_>, Vec<_>) = corners
         .into_iter()
         .partition(|c| table.is_some_and(|t| c.faces.iter().any(|face| t.is_face(face, &c.position))));
     let mut found = Found { gate: scores.gate, ..Found::default() };
-    let mut chains = chains(input, &off_table, &on_table, &grid, &config.chain);
+    let mut chains = chains(input, &off_table, &on_table, grid, &config.chain);
     if chains.is_empty() && input.last_resort() {
-        chains = splice::joined(chain::trace(&off_table, &grid, v, &config.chain.blurred()), &grid, v);
+        chains = splice::joined(chain::trace(&off_table, grid, v, &config.chain.blurred()), grid, v);
     }
     let measured: Vec<(&chain::Chain, refine::Refined)> =
-        chains.par_iter().filter_map(|chain| Some((chain, measure(input, chain, &grid, config)?))).collect();
+        chains.par_iter().filter_map(|chain| Some((chain, measure(input, chain, grid, config)?))).collect();
     let measured = overlap::apart(measured, v, config.chain.shortest_voxels * v);
     let most_mm = config.refine.reach * v;
-    let described = measured.iter().map(|(chain, seam)| describe(input, chain, seam, &grid, most_mm));
+    let described = measured.iter().map(|(chain, seam)| describe(input, chain, seam, grid, most_mm));
     found.intensity = scores.intensity;
     let most_error_mm = if input.last_resort() { LAST_ERROR_VOXELS * f64::from(v) } else { f64::INFINITY };
     let (sure, unsure): (Vec<Seam>, Vec<Seam>) =
@@ -211,7 +216,7 @@ pub fn find(input: &Input, config: &Config) -> Found {
     found.seams = sure;
     found.warnings.extend(unsure.iter().map(left_out));
     if found.seams.is_empty() && input.second_cue() {
-        found.seams = steps(input, table.as_ref(), &grid, config);
+        found.seams = steps(input, table.as_ref(), grid, config);
     }
     mark_branches(&mut found.seams, 6.0 * f64::from(v));
     order(&mut found.seams);

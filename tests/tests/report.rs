@@ -48,22 +48,24 @@ fn report(plan: &Plan, job: &str) -> [String; 2] {
     let model = &plan.model;
     let raw: Vec<Point3<f32>> =
         model.points_mm.iter().zip(&model.normals).map(|(p, n)| p + n * 0.15).collect();
+    let view: Vec<u16> = (0..raw.len()).map(|i| (i % 3) as u16).collect();
     let merged = Merged {
         origin_mm: model.origin_mm,
-        view: (0..raw.len()).map(|i| (i % 3) as u16).collect(),
+        view: view.clone(),
         points_mm: raw.clone(),
         cameras_mm: [-100.0, 0.0, 100.0].map(|x| Point3::new(x, -200.0, 300.0)).to_vec(),
         ..Merged::default()
     };
     let index = Grid::new(&raw, 5.0);
     let cloud = PointCloud { points_mm: raw, ..model.clone() };
-    let voxels = Voxels { cloud, edge_mm: 1.0, ..Voxels::default() };
+    let voxels = Voxels { cloud, view, edge_mm: 1.0, ..Voxels::default() };
     let intensity: Vec<f32> = model.points_mm.iter().map(|p| if p.z < 3.0 { 0.2 } else { 0.03 }).collect();
     let recording = Recording::of(&Evidence {
         merged: &merged,
         raw: &index,
         voxels: &voxels,
         model,
+        index: &Grid::new(&model.points_mm, 4.0),
         intensity: &intensity,
     });
     let job = Job::parse(job, Path::new("job.toml")).unwrap();

@@ -60,12 +60,17 @@ impl Scan<'_> {
         observer.stage("downsampling");
         let mut voxels =
             clock.time("downsampling", || downsampling::voxel_grid(self.merged, scale.edge_mm, scale.least));
-        if self.views.iter().any(|view| !view.camera_known && view.normals.is_empty()) {
-            clock.time("orientation", || orientation::propagate(&mut voxels));
+        observer.stage("denoising");
+        let sides_unknown = self.views.iter().any(|view| !view.camera_known && view.normals.is_empty());
+        // The filter moves points along their normals, whichever way these face: it need not wait to be told.
+        let turned = || sides_unknown.then(|| orientation::propagated(&voxels));
+        let filtered = || denoising::bilateral(&voxels.cloud, &scale.bilateral());
+        let (turned, mut model) = clock.time("denoising", || rayon::join(turned, filtered));
+        if let Some(normals) = turned {
+            model.normals.clone_from(&normals);
+            voxels.turn(normals);
         }
         observer.cloud("downsampling", &voxels.cloud);
-        observer.stage("denoising");
-        let model = clock.time("denoising", || denoising::bilateral(&voxels.cloud, &scale.bilateral()));
         observer.cloud("denoising", &model);
         if model.len() < MIN_POINTS {
             let reason =
@@ -73,11 +78,13 @@ impl Scan<'_> {
             return Err(no_seam(reason));
         }
         observer.stage("seam");
+        let index = Grid::new(&model.points_mm, seam::INDEX_VOXELS * voxels.edge_mm);
         let input = Input {
             merged: self.merged,
             raw: self.raw,
             voxels: &voxels,
             model: &model,
+            index: &index,
             registration: Some(self.registration),
             names: self.views.iter().map(|view| view.name.as_str()).collect(),
             cameras_known: self.cameras_known(),
@@ -87,7 +94,7 @@ impl Scan<'_> {
             Method::Weldpath => seam::find(&input, &self.config.seam),
             Method::Paper { ratio_threshold } => seam::paper::find(&voxels, &model, ratio_threshold),
         });
-        Ok(Attempt { scale: *scale, voxels, model, found })
+        Ok(Attempt { scale: *scale, voxels, model, index, found })
     }
 
     /// Whether larger voxels have nothing to add. Views that show a whole scene without a seam at their own scale
@@ -106,6 +113,8 @@ pub(super) struct Attempt {
     pub scale: Scale,
     pub voxels: Voxels,
     pub model: PointCloud,
+    /// Spatial index of the model.
+    pub index: Grid,
     pub found: Found,
 }
 

@@ -1,7 +1,6 @@
 //! The paper's intensity ratio, for its histogram: at a sample of the model's points, since a picture needs no more.
 
 use super::recording::even_sample;
-use crate::grid::Grid;
 use crate::pipeline::Evidence;
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -16,21 +15,26 @@ const RADIUS_VOXELS: f32 = 4.0;
 
 /// `Tr³/Det` of about [`SAMPLE`] points.
 pub(super) fn sampled(evidence: &Evidence) -> Vec<f32> {
-    let Evidence { voxels, model, intensity, .. } = *evidence;
+    let Evidence { voxels, model, index: grid, intensity, .. } = *evidence;
     if intensity.len() != model.len() {
         return Vec::new();
     }
     let radius_mm = RADIUS_VOXELS * voxels.edge_mm;
-    let grid = Grid::new(&model.points_mm, radius_mm);
+    let search = |slot: usize, found: &mut Vec<(usize, f32)>| {
+        found.clear();
+        grid.within(&grid.point(slot), radius_mm, |other, d2| {
+            found.extend((other != slot).then_some((other, d2)));
+        });
+    };
     let near = |slot: usize| {
-        let at = grid.point(slot);
         let mut found = Vec::new();
-        grid.within(&at, radius_mm, |other, d2| found.extend((other != slot).then_some((other, d2))));
+        search(slot, &mut found);
         found
     };
-    let gradient_at = |slot: usize| -> Vector3<f32> {
+    let gradient_at = |slot: usize, found: &mut Vec<(usize, f32)>| -> Vector3<f32> {
+        search(slot, found);
         let (at, own) = (grid.point(slot), intensity[grid.index(slot)]);
-        gradient(near(slot).into_iter().map(|(k, _)| (grid.point(k) - at, intensity[grid.index(k)] - own)))
+        gradient(found.iter().map(|&(k, _)| (grid.point(k) - at, intensity[grid.index(k)] - own)))
     };
     let ratios = |clump: usize| -> Vec<f32> {
         let own = CLUMP * clump..(CLUMP * (clump + 1)).min(grid.len());
@@ -38,7 +42,8 @@ pub(super) fn sampled(evidence: &Evidence) -> Vec<f32> {
         let mut slots: Vec<usize> = around.iter().flatten().map(|n| n.0).chain(own.clone()).collect();
         slots.sort_unstable();
         slots.dedup();
-        let gradients: Vec<Vector3<f32>> = slots.iter().map(|&slot| gradient_at(slot)).collect();
+        let mut found = Vec::new();
+        let gradients: Vec<Vector3<f32>> = slots.iter().map(|&slot| gradient_at(slot, &mut found)).collect();
         let at = |slot: usize| slots.binary_search(&slot).ok().and_then(|k| gradients.get(k));
         let ratio = |(slot, near): (usize, &Vec<(usize, f32)>)| {
             let near = near.iter().filter_map(|&(k, d2)| Some((d2, at(k)?)));
@@ -55,6 +60,7 @@ mod tests {
     use super::*;
     use crate::cloud::{Merged, PointCloud};
     use crate::downsampling::Voxels;
+    use crate::grid::Grid;
     use crate::seam::{edges, paper};
     use nalgebra::Point3;
 
@@ -71,7 +77,8 @@ mod tests {
         let (merged, model) = (&Merged::default(), &cloud);
         let grid = Grid::new(&cloud.points_mm, 4.0);
         let intensity = &edges::score(&voxels, model, &grid, 4.0).intensity;
-        let mut ours = sampled(&Evidence { merged, raw: &grid, voxels: &voxels, model, intensity });
+        let mut ours =
+            sampled(&Evidence { merged, raw: &grid, voxels: &voxels, model, index: &grid, intensity });
         let mut theirs: Vec<f32> = paper::tensors(model, 1.0).iter().map(|t| t.ratio()).collect();
         ours.sort_by(f32::total_cmp);
         theirs.sort_by(f32::total_cmp);

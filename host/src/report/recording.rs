@@ -61,24 +61,19 @@ impl Clouds {
 impl Recording {
     /// Keeps a sample of what there is to see.
     pub fn of(evidence: &Evidence) -> Self {
-        let Evidence { merged, raw: index, voxels, model, intensity } = *evidence;
+        let Evidence { merged, raw: index, voxels, model, intensity, .. } = *evidence;
         let frame = Frame::around(model.origin_mm, &model.points_mm, MARGIN);
         let raw_of = merged.points_mm.len();
         let mut raw_picks: Vec<usize> = even_sample(raw_of, RAW_POINTS).collect();
         raw_picks.retain(|&i| frame.holds(&merged.points_mm[i]));
-        let raw_points: Vec<Point3<f32>> = raw_picks.iter().map(|&i| merged.points_mm[i]).collect();
-        // The sample is thinner than the model: a cell of one voxel would often be empty.
-        let raw_grid = Grid::new(&raw_points, 2.0 * voxels.edge_mm);
-        let near_mm = NEAR_VOXELS * voxels.edge_mm;
         let model_sample = |k: usize| {
             let (position_mm, normal) = (model.points_mm[k], model.normals[k]);
-            let nearest = raw_grid.nearest(&position_mm, near_mm, |_| true);
             Sample {
                 position_mm,
                 normal,
                 moved_mm: normal.dot(&(voxels.cloud.points_mm[k] - position_mm)),
                 intensity: intensity.get(k).copied().unwrap_or(0.0),
-                view: nearest.map_or(0, |(slot, _)| merged.view[raw_picks[raw_grid.index(slot)]]),
+                view: voxels.view.get(k).copied().unwrap_or(0),
             }
         };
         let picks: Vec<usize> = even_sample(model.len(), MODEL_POINTS).collect();
@@ -163,8 +158,8 @@ mod tests {
         let model = PointCloud { origin_mm: Point3::origin(), points_mm: points_mm.clone(), normals };
         let raised: Vec<_> = points_mm.iter().map(|p| p + Vector3::z() * 0.2).collect();
         let cloud = PointCloud { points_mm: raised.clone(), ..model.clone() };
-        let voxels = Voxels { cloud, edge_mm: 1.0, ..Voxels::default() };
-        let view = (0..400).map(|k| u16::from(k >= 200)).collect();
+        let view: Vec<u16> = (0..400).map(|k| u16::from(k >= 200)).collect();
+        let voxels = Voxels { cloud, view: view.clone(), edge_mm: 1.0, ..Voxels::default() };
         let cameras_mm = vec![Point3::new(0.0, 0.0, 300.0), Point3::new(0.0, 0.0, 1e5)];
         let merged = Merged { points_mm: raised, view, cameras_mm, ..Merged::default() };
         let evidence = Evidence {
@@ -172,6 +167,7 @@ mod tests {
             raw: &Grid::new(&merged.points_mm, 5.0),
             voxels: &voxels,
             model: &model,
+            index: &Grid::new(&model.points_mm, 4.0),
             intensity: &[0.3; 400],
         };
         let recording = Recording::of(&evidence);

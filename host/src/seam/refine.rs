@@ -289,7 +289,7 @@ impl Section {
             closed: path.closed,
             views: merged.cameras_mm.len(),
         };
-        for face in 0..2 {
+        let of_face = |face: usize| {
             let mine = |p: &&Beside| {
                 usize::from(p.face) == face
                     && p.h.abs() < gate_mm.max(WIDE_GATE * voxel_mm)
@@ -300,10 +300,13 @@ impl Section {
             let mut wide: Vec<Beside> = all.iter().filter(mine).copied().collect();
             let flat: Vec<Beside> = wide.iter().filter(|p| p.h.abs() < gate_mm).copied().collect();
             let reach_mm = face::reach(&flat, &scale);
-            section.reach_mm[face] = reach_mm;
             wide.retain(|p| p.u < reach_mm);
             wide.sort_unstable_by(|a, b| a.s.total_cmp(&b.s));
-            section.points[face] = wide;
+            (wide, reach_mm)
+        };
+        let (first, second) = rayon::join(|| of_face(0), || of_face(1));
+        for (face, (points, reach_mm)) in [first, second].into_iter().enumerate() {
+            (section.points[face], section.reach_mm[face]) = (points, reach_mm);
             // Bevels are flat across, and too narrow to tell curvature from the rounding of their lips.
             let bevel = opening_deg < ACUTE_DEG && reach_mm < NARROW * most_mm;
             let mut bend = vec![0.0; path.frames.len()];

@@ -71,13 +71,17 @@ pub struct Beside {
 pub fn near_path(raw: &Grid, frames: &[Frame], reach_mm: f32) -> Vec<u32> {
     let stations: Vec<_> = frames.iter().map(|f| f.position).collect();
     let grid = Grid::new(&stations, reach_mm);
-    // Where the first point of a cell is farther than this, all of it is.
-    let cell_reach_mm = reach_mm + 1.001 * 3f32.sqrt() * raw.cell_mm();
+    // Where the first point of a cell is farther or nearer than the reach by this, all of it is.
+    let cell_mm = 1.001 * 3f32.sqrt() * raw.cell_mm();
     let cells: Vec<_> = raw.occupied().map(|(_, slots)| slots).collect();
     let near = cells.into_par_iter().with_min_len(256).flat_map_iter(|slots| {
-        let some = grid.is_near(&raw.point(slots.start), cell_reach_mm);
-        let slots = if some { slots } else { 0..0 };
-        slots.filter(|&slot| grid.is_near(&raw.point(slot), reach_mm)).map(|slot| raw.index(slot) as u32)
+        let first = raw.point(slots.start);
+        let none = !grid.is_near(&first, reach_mm + cell_mm);
+        let all = reach_mm > cell_mm && grid.is_near(&first, reach_mm - cell_mm);
+        let slots = if none { 0..0 } else { slots };
+        let grid = &grid;
+        let near = slots.filter(move |&slot| all || grid.is_near(&raw.point(slot), reach_mm));
+        near.map(|slot| raw.index(slot) as u32)
     });
     let mut near: Vec<u32> = near.collect();
     near.par_sort_unstable();

@@ -6,6 +6,7 @@
 use crate::downsampling::Voxels;
 use crate::normals::Moments;
 use nalgebra::{Matrix2, Point3, Vector2, Vector3};
+use rayon::prelude::*;
 
 /// Least share of all points that the support holds.
 const LEAST_SHARE: f32 = 0.15;
@@ -52,7 +53,8 @@ impl Support {
 /// The support of a cloud, if it has one.
 pub fn find(voxels: &Voxels) -> Option<Support> {
     let directions = common_normals(&voxels.cloud.normals);
-    directions.iter().filter_map(|n| along(voxels, n)).max_by(|a, b| a.share.total_cmp(&b.share))
+    let found: Vec<Support> = directions.par_iter().filter_map(|n| along(voxels, n)).collect();
+    found.into_iter().max_by(|a, b| a.share.total_cmp(&b.share))
 }
 
 /// Mean normals of the most common directions.

@@ -11,6 +11,9 @@ const FINE: f64 = 1.25;
 /// Largest square of a point, pixels.
 const LARGEST: f64 = 12.0;
 
+/// More pixels than a point may lie outside without being put there, which changes nothing.
+const OUTSIDE: f64 = 65536.0;
+
 struct Image {
     width: usize,
     height: usize,
@@ -58,10 +61,12 @@ pub(super) fn png(
 
 impl Image {
     fn square(&mut self, [x, y]: [f64; 2], size: f64, toward_mm: f64, colour: [u8; 4]) {
+        let pixels = size.round() as i64;
         let span = |c: f64, end: usize| {
-            let from = (c * FINE - 0.5 * size).round();
-            // Negative floats become 0 in the conversion.
-            (from as usize).min(end)..((from + size.round()) as usize).min(end)
+            // Rounded without a call: whatever is far outside becomes 0 or the end.
+            let from = (c * FINE - 0.5 * size + 0.5 + OUTSIDE) as i64 - OUTSIDE as i64;
+            let pixel = |at: i64| at.clamp(0, end as i64) as usize;
+            pixel(from)..pixel(from + pixels)
         };
         for row in span(y, self.height) {
             for k in span(x, self.width).map(|column| row * self.width + column) {
