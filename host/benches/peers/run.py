@@ -5,7 +5,7 @@
 
 Peers that are absent are left out and named: Open3D, small_gicp, scipy (pip install open3d small_gicp scipy, for the Python
 given by --python), PCL, CGAL, nanoflann (Debian: libpcl-dev libcgal-dev libnanoflann-dev), kiddo and threecrate (cargo).
-All run on one thread. The programs take turns, `rounds` times; CPU times are medians over all runs; what takes longer than
+All run on one thread, with an allocator that keeps freed memory. The programs take turns, `rounds` times; CPU times are medians over all runs; what takes longer than
 ten seconds runs in the first round only. Each row says what shows that the work was the same. Where it was not, the row says
 DIFFERS and the exit code is 1; a ratio below its goal says MISSED."""
 import argparse
@@ -20,7 +20,9 @@ import tempfile
 
 HERE = pathlib.Path(__file__).resolve().parent
 ROOT = HERE.parents[2]
-ONE = dict(os.environ, OMP_NUM_THREADS="1", RAYON_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
+# The allocator keeps freed memory, as `weldpath` has it do: for everybody, so that nobody fetches pages anew.
+KEPT = dict(MALLOC_MMAP_THRESHOLD_=str(1 << 25), MALLOC_TRIM_THRESHOLD_=str(2**31 - 1))
+ONE = dict(os.environ, **KEPT, OMP_NUM_THREADS="1", RAYON_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
 PCL = "common features filters io io_ply kdtree octree sample_consensus search".split()
 LONG_MS = 10_000
 

@@ -18,14 +18,14 @@ import subprocess
 import tempfile
 import time
 
-from run import ROOT, own_programs
+from run import KEPT, ROOT, own_programs
 
 HOLDS = dict(growth=1.5, gain=1.7, bytes=200)
 PLAN = "whole plan, as a process"
 
 
 def stages(own, folder, threads):
-    environment = dict(os.environ, RAYON_NUM_THREADS=str(threads))
+    environment = dict(os.environ, **KEPT, RAYON_NUM_THREADS=str(threads))
     for mode in ("linear", "whole"):
         done = subprocess.run([own, mode, folder], capture_output=True, text=True, env=environment, check=True)
         for line in map(json.loads, done.stdout.splitlines()):
