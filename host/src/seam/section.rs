@@ -4,6 +4,7 @@ use crate::cloud::Merged;
 use crate::grid::Grid;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// One station of a seam that is being refined; single precision about the cloud's origin.
 #[derive(Debug, Clone, Copy)]
@@ -71,22 +72,32 @@ pub struct Beside {
 pub fn near_path(raw: &Grid, frames: &[Frame], reach_mm: f32) -> Vec<u32> {
     let stations: Vec<_> = frames.iter().map(|f| f.position).collect();
     let grid = Grid::new(&stations, reach_mm);
+    let (low, high) =
+        stations.iter().fold((Vector3::repeat(f32::MAX), Vector3::repeat(f32::MIN)), |(l, h), p| {
+            (l.inf(&p.coords), h.sup(&p.coords))
+        });
+    let is_near = |slot: usize, within_mm: f32| {
+        let p = raw.point(slot);
+        let inside = (0..3).all(|k| p[k] > low[k] - within_mm && p[k] < high[k] + within_mm);
+        inside && grid.is_near(&p, within_mm)
+    };
     // Where the first point of a cell is farther or nearer than the reach by this, all of it is.
     let cell_mm = 1.001 * 3f32.sqrt() * raw.cell_mm();
-    let cells: Vec<_> = raw.occupied().map(|(_, slots)| slots).collect();
-    let near = cells.into_par_iter().with_min_len(256).flat_map_iter(|slots| {
-        let first = raw.point(slots.start);
-        let none = !grid.is_near(&first, reach_mm + cell_mm);
-        let all = reach_mm > cell_mm && grid.is_near(&first, reach_mm - cell_mm);
-        let slots = if none { 0..0 } else { slots };
-        let grid = &grid;
-        let near = slots.filter(move |&slot| all || grid.is_near(&raw.point(slot), reach_mm));
+    let of_cell = |slots: Range<usize>| {
+        let several = slots.len() > FEW;
+        let all = several && reach_mm > cell_mm && is_near(slots.start, reach_mm - cell_mm);
+        let none = several && !all && !is_near(slots.start, reach_mm + cell_mm);
+        let near = (if none { 0..0 } else { slots }).filter(move |&slot| all || is_near(slot, reach_mm));
         near.map(|slot| raw.index(slot) as u32)
-    });
-    let mut near: Vec<u32> = near.collect();
+    };
+    let cells: Vec<_> = raw.occupied().map(|(_, slots)| slots).collect();
+    let mut near: Vec<u32> = cells.into_par_iter().with_min_len(256).flat_map_iter(of_cell).collect();
     near.par_sort_unstable();
     near
 }
+
+/// Points of a cell that are better looked at one by one.
+const FEW: usize = 8;
 
 /// Seam coordinates of raw points nearer than `reach_mm` to the seam; those beyond the ends of an open seam by more than a
 /// step are left out.
