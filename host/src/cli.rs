@@ -4,6 +4,7 @@ mod completions;
 mod evaluate;
 mod help;
 mod keys;
+mod memory;
 mod monitor;
 mod pendant;
 mod plan;
@@ -51,6 +52,7 @@ enum Command {
 
 /// Reads the command line and does what it says.
 pub(crate) fn start() -> ExitCode {
+    memory::keep_freed();
     match help::parse() {
         Ok(cli) => run(&cli),
         Err(exit) => exit,
