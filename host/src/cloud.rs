@@ -1,6 +1,7 @@
 //! The one data type that flows through the pipeline: [`View`]s become a [`PointCloud`] and stay one until the seam.
 
 use nalgebra::{Isometry3, Point3, Vector3};
+use rayon::prelude::*;
 
 /// What the camera saw from one pose.
 #[derive(Debug, Clone)]
@@ -70,8 +71,8 @@ impl Merged {
             let turn: nalgebra::UnitQuaternion<f32> = pose.rotation.cast();
             let turn = turn.to_rotation_matrix();
             let shift: Vector3<f32> = (pose.translation.vector - origin_mm.coords).cast();
-            merged.points_mm.extend(view.points_mm.iter().map(|p| turn * p + shift));
-            merged.normals.extend(view.normals.iter().map(|n| turn * n));
+            merged.points_mm.par_extend(view.points_mm.par_iter().map(|p| turn * p + shift));
+            merged.normals.par_extend(view.normals.par_iter().map(|n| turn * n));
             merged.view.resize(merged.points_mm.len(), k as u16);
             let above = Vector3::z() * FAR_ABOVE_MM;
             merged.cameras_mm.push(Point3::from(if view.camera_known { shift } else { shift + above }));

@@ -9,6 +9,7 @@ pub mod pointwise;
 
 use crate::cloud::{PointCloud, View};
 use crate::grid::Grid;
+use crate::grid::rows::bounds;
 use cells::{Cells, Sums};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -180,11 +181,8 @@ pub fn mean_spacing_mm(points: &[Point3<f32>]) -> f32 {
     if points.len() < 2 {
         return 1.0;
     }
-    let (low, high) =
-        points.iter().fold((Vector3::repeat(f32::MAX), Vector3::repeat(f32::MIN)), |(l, h), p| {
-            (l.inf(&p.coords), h.sup(&p.coords))
-        });
-    let extent = high - low;
+    let (low, high) = bounds(points);
+    let extent = Vector3::from(high) - Vector3::from(low);
     // Were the points spread over the largest face of their box, this would be the spacing.
     let face = (extent.x * extent.y).max(extent.y * extent.z).max(extent.x * extent.z);
     let guess = (face / points.len() as f32).sqrt().max(extent.max() / points.len() as f32).max(1e-6);

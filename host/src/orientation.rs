@@ -6,6 +6,7 @@
 use crate::downsampling::Voxels;
 use crate::grid::Grid;
 use nalgebra::Vector3;
+use rayon::prelude::*;
 use std::collections::BinaryHeap;
 
 /// Neighbours farther apart than this are not the same surface, voxels.
@@ -20,7 +21,7 @@ pub fn propagated(voxels: &Voxels) -> Vec<Vector3<f32>> {
     let mut waiting = vec![Step { likeness: f32::NEG_INFINITY, from: 0 }; grid.len()];
     let mut by_height: Vec<usize> = (0..grid.len()).collect();
     let [.., heights] = grid.columns();
-    by_height.sort_unstable_by(|&a, &b| heights[b].total_cmp(&heights[a]));
+    by_height.par_sort_unstable_by(|&a, &b| heights[b].total_cmp(&heights[a]).then(a.cmp(&b)));
     let mut queue = BinaryHeap::new();
     for seed in by_height {
         if waiting[seed].likeness == DONE {

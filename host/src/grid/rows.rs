@@ -169,7 +169,7 @@ impl Rows {
 }
 
 /// Lowest and highest coordinate on each axis; the origin for no points.
-fn bounds(points: &[Point3<f32>]) -> ([f32; 3], [f32; 3]) {
+pub(crate) fn bounds(points: &[Point3<f32>]) -> ([f32; 3], [f32; 3]) {
     if points.is_empty() {
         return ([0.0; 3], [0.0; 3]);
     }

@@ -6,9 +6,13 @@
 use std::path::Path;
 
 use nalgebra::Point3;
+use rayon::prelude::*;
 
 use super::Error;
 use super::raw::Positions;
+
+/// Records that a thread takes at a time.
+const SHARE: usize = 1 << 16;
 
 /// Where x, y and z are in a record.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -55,7 +59,7 @@ pub(super) fn check_count(
 
 /// The first `count` records of `data`, which [`check_count`] has seen.
 pub(super) fn positions(data: &[u8], layout: Layout, count: usize) -> Positions {
-    let records = data.chunks_exact(layout.stride).take(count);
+    let records = data.par_chunks_exact(layout.stride).take(count).with_min_len(SHARE);
     let [x, y, z] = layout.offsets;
     let in_a_row = |width: usize| y == x + width && z == y + width;
     match layout.width {
