@@ -72,7 +72,8 @@ const SHORTEST_MM: f64 = 10.0;
 /// How far an end is followed.
 const BEYOND_MM: f64 = 150.0;
 
-/// Stretches of all seams that were seen badly, in the points of `merged`, which are indexed by `grid`; none if it is not known where the cameras stood.
+/// Stretches of all seams that were seen badly; none if it is not known where the cameras stood. `grid` indexes the points
+/// of `merged`.
 pub fn gaps(seams: &[Seam], merged: &Merged, grid: &Grid, cameras_known: bool) -> Vec<Gap> {
     if !cameras_known || seams.is_empty() {
         return Vec::new();

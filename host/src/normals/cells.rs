@@ -20,6 +20,7 @@ pub(crate) struct Cells {
     pub(crate) moments: Vec<Moments>,
     /// Position in `moments` of each point's cell.
     pub(crate) of_point: Vec<u32>,
+    /// Who adds up which cells.
     pub(crate) shares: Shares,
     /// Position in `moments` plus one, per entry of the rows; 0 where empty.
     at: Vec<u32>,
