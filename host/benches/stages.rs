@@ -180,7 +180,7 @@ fn seam(bencher: Bencher, case: Case) {
     let scale = downsampling::Scale::of(&merged, &patches, &downsampling::Config::default());
     let voxels = voxel_grid(&merged, scale.edge_mm, scale.least);
     let model = bilateral(&voxels.cloud, &scale.bilateral());
-    let raw = Grid::new(&merged.points_mm, 5.0);
+    let raw = Grid::new(&merged.points_mm, pipeline::RAW_CELL_MM);
     let index = Grid::new(&model.points_mm, seam::INDEX_VOXELS * scale.edge_mm);
     let input = seam::Input {
         merged: &merged,

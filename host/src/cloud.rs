@@ -19,6 +19,13 @@ pub struct View {
     pub camera_known: bool,
 }
 
+impl View {
+    /// Whether it is known which side of its surfaces is air: from the camera, or from given normals.
+    pub fn tells_sides(&self) -> bool {
+        self.camera_known || !self.normals.is_empty()
+    }
+}
+
 /// Points with unit normals, in the base frame, relative to a local origin so that `f32` is enough anywhere.
 #[derive(Debug, Clone, Default)]
 pub struct PointCloud {

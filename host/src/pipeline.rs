@@ -119,7 +119,7 @@ pub trait Observer {
 impl Observer for () {}
 
 /// Cells in which the raw points are looked up, mm: what seams and their surroundings ask for is a few times as large.
-const RAW_CELL_MM: f32 = 5.0;
+pub const RAW_CELL_MM: f32 = 5.0;
 
 /// From views to torch paths: the paper's Fig. 1, one line per stage.
 pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Result<Plan, Error> {

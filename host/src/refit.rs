@@ -101,7 +101,7 @@ pub fn cloud(views: &[View]) -> PointCloud {
     let merged = Merged::new(views, &registration.base_from_camera);
     let scale = downsampling::Scale::of(&merged, &patches, &downsampling::Config::default());
     let mut voxels = downsampling::voxel_grid(&merged, scale.edge_mm, scale.least);
-    if views.iter().any(|view| !view.camera_known && view.normals.is_empty()) {
+    if !views.iter().all(View::tells_sides) {
         let normals = orientation::propagated(&voxels);
         voxels.turn(normals);
     }

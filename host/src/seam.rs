@@ -145,7 +145,8 @@ pub struct Input<'a> {
     pub trial: Trial,
 }
 
-/// Edge of the cells in which the model is looked up, and radius of the edge intensity, voxels.
+/// Edge of the cells in which the model is looked up, and radius of the neighbourhoods of edge scores, voxels (the paper
+/// gives none).
 pub const INDEX_VOXELS: f32 = 4.0;
 
 /// Where one size of voxels stands among those that are tried.

@@ -5,9 +5,9 @@
 
 Peers that are absent are left out and named: Open3D, small_gicp, scipy (pip install open3d small_gicp scipy, for the Python
 given by --python), PCL, CGAL, nanoflann (Debian: libpcl-dev libcgal-dev libnanoflann-dev), kiddo and threecrate (cargo).
-All run on one thread, with an allocator that keeps freed memory. The programs take turns, `rounds` times; CPU times are medians over all runs; what takes longer than
-ten seconds runs in the first round only. Each row says what shows that the work was the same. Where it was not, the row says
-DIFFERS and the exit code is 1; a ratio below its goal says MISSED."""
+All run on one thread, with an allocator that keeps freed memory. The programs take turns, `rounds` times; CPU times are medians
+over all runs; what takes longer than ten seconds runs in the first round only. Each row says what shows that the work was the
+same. Where it was not, the row says DIFFERS and the exit code is 1; a ratio below its goal says MISSED."""
 import argparse
 import json
 import math

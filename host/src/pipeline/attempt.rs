@@ -61,7 +61,7 @@ impl Scan<'_> {
         let mut voxels =
             clock.time("downsampling", || downsampling::voxel_grid(self.merged, scale.edge_mm, scale.least));
         observer.stage("denoising");
-        let sides_unknown = self.views.iter().any(|view| !view.camera_known && view.normals.is_empty());
+        let sides_unknown = !self.views.iter().all(View::tells_sides);
         // The filter moves points along their normals, whichever way these face: it need not wait to be told.
         let turned = || sides_unknown.then(|| orientation::propagated(&voxels));
         let filtered = || denoising::bilateral(&voxels.cloud, &scale.bilateral());
@@ -78,7 +78,8 @@ impl Scan<'_> {
             return Err(no_seam(reason));
         }
         observer.stage("seam");
-        let index = Grid::new(&model.points_mm, seam::INDEX_VOXELS * voxels.edge_mm);
+        let cell_mm = seam::INDEX_VOXELS * voxels.edge_mm;
+        let index = clock.time("index", || Grid::new(&model.points_mm, cell_mm));
         let input = Input {
             merged: self.merged,
             raw: self.raw,
@@ -92,7 +93,7 @@ impl Scan<'_> {
         };
         let found = clock.time("seam", || match self.config.method {
             Method::Weldpath => seam::find(&input, &self.config.seam),
-            Method::Paper { ratio_threshold } => seam::paper::find(&voxels, &model, ratio_threshold),
+            Method::Paper { ratio_threshold } => seam::paper::find(&input, ratio_threshold),
         });
         Ok(Attempt { scale: *scale, voxels, model, index, found })
     }

@@ -2,6 +2,7 @@
 
 use super::recording::even_sample;
 use crate::pipeline::Evidence;
+use crate::seam::INDEX_VOXELS;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 use weldpath_core::seam::{Tensor, gradient};
@@ -10,8 +11,6 @@ use weldpath_core::seam::{Tensor, gradient};
 const SAMPLE: usize = 1000;
 /// They are taken so many side by side, which share most of their neighbours, and the gradients there.
 const CLUMP: usize = 16;
-/// Radius of the neighbourhoods, voxels, as for the intensities.
-const RADIUS_VOXELS: f32 = 4.0;
 
 /// `Tr³/Det` of about [`SAMPLE`] points.
 pub(super) fn sampled(evidence: &Evidence) -> Vec<f32> {
@@ -19,7 +18,7 @@ pub(super) fn sampled(evidence: &Evidence) -> Vec<f32> {
     if intensity.len() != model.len() {
         return Vec::new();
     }
-    let radius_mm = RADIUS_VOXELS * voxels.edge_mm;
+    let radius_mm = INDEX_VOXELS * voxels.edge_mm;
     let search = |slot: usize, found: &mut Vec<(usize, f32)>| {
         found.clear();
         grid.within(&grid.point(slot), radius_mm, |other, d2| {

@@ -1,18 +1,15 @@
 //! The paper's own extraction (II-E, eqs. (11)-(17)), for comparison: the ratio test alone, no gate, no joint types, edge
 //! points ordered as they come, the normal of the surroundings as the torch axis.
 
-use super::{Found, Joint, Seam, Station, edges};
+use super::{Found, INDEX_VOXELS, Input, Joint, Seam, Station, edges};
 use crate::cloud::PointCloud;
-use crate::downsampling::Voxels;
 use crate::grid::Grid;
 use nalgebra::Vector3;
 use weldpath_core::seam::{RatioThreshold, Tensor};
 
-/// Radius of the neighbourhoods, voxels (the paper gives none).
-const RADIUS_VOXELS: f32 = 4.0;
-
 /// Every point whose `Tr³/Det` reaches the threshold, as one seam.
-pub fn find(voxels: &Voxels, model: &PointCloud, ratio_threshold: f64) -> Found {
+pub fn find(input: &Input, ratio_threshold: f64) -> Found {
+    let Input { voxels, model, index, .. } = *input;
     let Some(threshold) = RatioThreshold::new(ratio_threshold as f32) else {
         let reason =
             format!("t = {ratio_threshold} marks everything; it must exceed {}", RatioThreshold::FLOOR);
@@ -48,9 +45,7 @@ pub fn find(voxels: &Voxels, model: &PointCloud, ratio_threshold: f64) -> Found 
         dimensions: vec![],
         warnings: vec!["the paper's method, for comparison only: do not weld this".into()],
     };
-    let radius_mm = RADIUS_VOXELS * voxels.edge_mm;
-    let grid = Grid::new(&model.points_mm, radius_mm);
-    let intensity = edges::score(voxels, model, &grid, radius_mm).intensity;
+    let intensity = edges::score(voxels, model, index, INDEX_VOXELS * voxels.edge_mm).intensity;
     Found { seams: vec![seam], intensity, ..Found::default() }
 }
 
@@ -62,7 +57,7 @@ fn edge_points(model: &PointCloud, voxel_mm: f32, threshold: RatioThreshold) -> 
 
 /// Smoothed tensor of every point, in the order of the cloud.
 pub fn tensors(model: &PointCloud, voxel_mm: f32) -> Vec<Tensor> {
-    let radius_mm = RADIUS_VOXELS * voxel_mm;
+    let radius_mm = INDEX_VOXELS * voxel_mm;
     let grid = Grid::new(&model.points_mm, radius_mm);
     let intensities: Vec<f32> = edges::asymmetries(&grid, radius_mm).iter().map(Vector3::norm).collect();
     let gradients = edges::gradients(&grid, radius_mm, &intensities);

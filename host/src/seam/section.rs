@@ -2,6 +2,7 @@
 
 use crate::cloud::Merged;
 use crate::grid::Grid;
+use crate::grid::rows::bounds;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -72,10 +73,7 @@ pub struct Beside {
 pub fn near_path(raw: &Grid, frames: &[Frame], reach_mm: f32) -> Vec<u32> {
     let stations: Vec<_> = frames.iter().map(|f| f.position).collect();
     let grid = Grid::new(&stations, reach_mm);
-    let (low, high) =
-        stations.iter().fold((Vector3::repeat(f32::MAX), Vector3::repeat(f32::MIN)), |(l, h), p| {
-            (l.inf(&p.coords), h.sup(&p.coords))
-        });
+    let (low, high) = bounds(&stations);
     let is_near = |slot: usize, within_mm: f32| {
         let p = raw.point(slot);
         let inside = (0..3).all(|k| p[k] > low[k] - within_mm && p[k] < high[k] + within_mm);
