@@ -3,7 +3,7 @@
 //! Exact centroids. Voxels with few points are dropped, which removes flying pixels and outliers.
 
 use crate::cloud::{Merged, PointCloud};
-use crate::normals::cells::Cells;
+use crate::normals::cells::{Cells, Sums};
 use crate::normals::{Patches, median};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -135,11 +135,18 @@ pub fn voxel_grid(merged: &Merged, edge_mm: f32, least: u32) -> Voxels {
     let points_mm: Vec<Point3<f32>> = kept.par_iter().map(|&k| cells.centroid(k)).collect();
     let sums = cells.sums();
     let sights = sights(merged, &cells, &kept, &points_mm);
-    let normal = |(&k, seen): (&usize, &Sight)| match given.get(k) {
-        Some(&given) => given,
-        None => facing(cells.window(k, &sums, 1).scatter().normal(), &seen.toward),
+    let normals = if given.is_empty() {
+        let found = kept.par_chunks(2).map(|two| {
+            let [one, other] = [two[0], two[two.len() - 1]].map(|k| cells.window(k, &sums, 1));
+            Sums::scatter([&one, &other]).map(|fit| fit.normal())
+        });
+        let mut normals = found.collect::<Vec<_>>().into_flattened();
+        normals.truncate(kept.len());
+        normals.iter_mut().zip(&sights).for_each(|(normal, seen)| *normal = facing(*normal, &seen.toward));
+        normals
+    } else {
+        kept.iter().map(|&k| given[k]).collect()
     };
-    let normals = kept.par_iter().zip(&sights).map(normal).collect();
     Voxels {
         cloud: PointCloud { origin_mm: merged.origin_mm, points_mm, normals },
         count: kept.iter().map(|&k| cells.moments[k].count).collect(),

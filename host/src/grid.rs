@@ -1,22 +1,18 @@
 //! Spatial index: points sorted into cubic cells, coordinates in columns.
 //!
-//! Built by a counting sort in two passes; a radius search reads contiguous runs of slots and allocates nothing.
+//! A radius search reads contiguous runs of slots and allocates nothing.
 //! Queries outside the indexed box are clamped to its border cells.
 
 pub mod lanes;
 mod nearest;
 pub(crate) mod rows;
+mod sorting;
 pub mod sweep;
 
-use lanes::LANES;
 use nalgebra::{Point3, Vector3};
-use rayon::prelude::*;
-use rows::{CellAt, Rows};
+use rows::Rows;
+use sorting::Sorted;
 use std::ops::Range;
-use std::sync::atomic::{AtomicU32, Ordering};
-
-/// Points that a thread takes at a time.
-const SHARE: usize = 1 << 14;
 
 /// Points sorted by cell. A *slot* is a position in that order.
 #[derive(Debug, Clone, Default)]
@@ -44,24 +40,8 @@ pub struct Cell {
 impl Grid {
     /// Sorts `points` into cells of about `cell_mm`. Points must be finite.
     pub fn new(points: &[Point3<f32>], cell_mm: f32) -> Self {
-        let (rows, at) = Rows::over(points, cell_mm);
-        let (start, order) = sorted(&rows, &at);
-        let mut columns = [const { Vec::new() }; 3];
-        columns.iter_mut().for_each(|column| column.resize(points.len() + LANES - 1, 0.0));
-        let [x, y, z] = columns.each_mut().map(|column| &mut column[..points.len()]);
-        let places = (
-            order.par_chunks(SHARE),
-            x.par_chunks_mut(SHARE),
-            y.par_chunks_mut(SHARE),
-            z.par_chunks_mut(SHARE),
-        );
-        places.into_par_iter().for_each(|(order, x, y, z)| {
-            for (((&i, x), y), z) in order.iter().zip(x).zip(y).zip(z) {
-                let p = &points[i as usize];
-                (*x, *y, *z) = (p.x, p.y, p.z);
-            }
-        });
-        let [x, y, z] = columns;
+        let (rows, shares) = Rows::over(points, cell_mm);
+        let Sorted { start, order, columns: [x, y, z] } = Sorted::new(&rows, &shares);
         Self { rows, start, order, x, y, z }
     }
 
@@ -160,41 +140,6 @@ impl Grid {
         let (dx, dy, dz) = (self.x[slot] - q.x, self.y[slot] - q.y, self.z[slot] - q.z);
         dx * dx + dy * dy + dz * dz
     }
-}
-
-/// Counting sort of points by the entry of their cell: first slot of each entry, and the point at each slot.
-///
-/// Each thread counts and places a share of the points; points of a cell stay in their order with any number of threads.
-fn sorted(rows: &Rows, at: &[CellAt]) -> (Vec<u32>, Vec<u32>) {
-    let entries = rows.entries();
-    // A share has a table of its own, so it should not be much smaller than that.
-    let share = at.len().div_ceil(rayon::current_num_threads()).max(SHARE).max(entries / 2);
-    let mut shares: Vec<(&[CellAt], Vec<u32>)> = at
-        .par_chunks(share)
-        .map(|at| {
-            // One place further on, so that filling the cells leaves each entry at its own beginning.
-            let mut count = vec![0u32; entries + 1];
-            at.iter().for_each(|at| count[rows.entry_of(at) + 1] += 1);
-            (at, count)
-        })
-        .collect();
-    let mut before = 0;
-    for entry in 1..=entries {
-        for (_, count) in &mut shares {
-            before += std::mem::replace(&mut count[entry], before);
-        }
-    }
-    let mut order = Vec::new();
-    order.resize_with(at.len(), AtomicU32::default);
-    shares.par_iter_mut().enumerate().for_each(|(k, (at, next))| {
-        for (i, at) in at.iter().enumerate() {
-            let next = &mut next[rows.entry_of(at) + 1];
-            order[*next as usize].store((k * share + i) as u32, Ordering::Relaxed);
-            *next += 1;
-        }
-    });
-    let start = shares.pop().map_or_else(|| vec![0; entries + 1], |(_, next)| next);
-    (start, order.into_iter().map(AtomicU32::into_inner).collect())
 }
 
 #[cfg(test)]

@@ -13,6 +13,7 @@ use crate::grid::rows::bounds;
 use cells::{Cells, Sums};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
+use wide::f64x2;
 
 /// How cells are made and which are trusted.
 #[derive(Debug, Clone, Copy)]
@@ -145,7 +146,8 @@ fn in_cells(view: &View, spacing_mm: f32, cell_mm: f32, config: &Config) -> (Pat
     // Windows of 3 and 5 cells; one of 9 where it may be taken. The larger ones are tapered.
     let near = cells.widen(&cells.sums());
     let wide = cells.widen(&near);
-    let narrow: Vec<Scatter> = near.par_iter().map(Sums::scatter).collect();
+    let pairs: Vec<_> = near.par_chunks(2).map(|two| Sums::scatter([&two[0], &two[two.len() - 1]])).collect();
+    let narrow = &pairs.as_flattened()[..cells.len()];
     let mut sizes: Vec<f32> = narrow.iter().map(|p| p.variance_mm2).collect();
     let noise_mm2 = median(&mut sizes);
     // Noise grows with distance: the work is nearer than most of what is in view.
@@ -157,20 +159,38 @@ fn in_cells(view: &View, spacing_mm: f32, cell_mm: f32, config: &Config) -> (Pat
     };
     let broad = |&k: &usize| enough(k) && narrow[k].middle_mm2 > MIN_BREADTH * cell_mm.powi(2);
     let fitted = (0..cells.len()).filter(broad).map(|k| cells.moments[k].count).sum();
-    let patch = |k: usize| {
-        let mut best = narrow[k];
+    let patches_of = |two: &[usize]| {
+        let two = [two[0], two[two.len() - 1]];
+        let mut best = two.map(|k| narrow[k]);
+        let mut grows = [true; 2];
         for (widest, overlap) in [(false, 27.0 / 4.0), (true, 27.0 * 27.0 / 16.0)] {
-            let candidate = if widest { cells.window(k, &wide, 2) } else { wide[k] }.scatter();
-            if candidate.variance_mm2 > config.max_growth * best.variance_mm2.max(noise_mm2) {
+            let window = |i: usize| match (grows[i], widest) {
+                (false, _) => Sums::default(),
+                (true, false) => wide[two[i]],
+                (true, true) => cells.window(two[i], &wide, 2),
+            };
+            let candidates = Sums::scatter([&window(0), &window(1)]);
+            for (i, candidate) in candidates.into_iter().enumerate() {
+                grows[i] &= candidate.variance_mm2 <= config.max_growth * best[i].variance_mm2.max(noise_mm2);
+                if grows[i] {
+                    best[i] = Scatter { points: candidate.points / overlap, ..candidate };
+                }
+            }
+            if grows == [false; 2] {
                 break;
             }
-            best = Scatter { points: candidate.points / overlap, ..candidate };
         }
-        let own = &cells.moments[k];
         // The cell's own mean, not its foot on a larger plane: that would move curved surfaces inward.
-        Patch::facing_camera(&best, cells.centroid(k), own.count, config.min_incidence_cos)
+        [0, 1].map(|i| {
+            let (at, count) = (cells.centroid(two[i]), cells.moments[two[i]].count);
+            Patch::facing_camera(&best[i], at, count, config.min_incidence_cos)
+        })
     };
-    let found = (0..cells.len()).into_par_iter().filter(|&k| enough(k)).filter_map(patch).collect();
+    let trusted: Vec<usize> = (0..cells.len()).filter(|&k| enough(k)).collect();
+    let found = trusted
+        .par_chunks(2)
+        .flat_map_iter(|two| patches_of(two).into_iter().take(two.len()).flatten())
+        .collect();
     let patches = Patches { cell_mm, spacing_mm, noise_mm: quiet_mm2.sqrt(), ..Patches::of(found) };
     (patches, fitted)
 }
@@ -189,6 +209,7 @@ pub fn mean_spacing_mm(points: &[Point3<f32>]) -> f32 {
     let grid = Grid::new(points, 2.0 * guess);
     let step = points.len().div_ceil(SAMPLE);
     let mut distances: Vec<f32> = (0..grid.len())
+        .into_par_iter()
         .step_by(step)
         .filter_map(|slot| {
             let q = grid.point(slot);
@@ -276,14 +297,22 @@ pub(crate) struct Scatter {
 
 impl Scatter {
     pub(crate) fn new(matrix: [f64; 6], points: f32) -> Self {
-        let [least, middle] = lesser_eigenvalues(&matrix);
-        Self {
-            matrix,
-            least,
-            variance_mm2: least.max(1e-9) as f32,
-            middle_mm2: middle.max(1e-6) as f32,
-            points,
-        }
+        let [fit, _] = Self::of_two([matrix; 2], [points; 2]);
+        fit
+    }
+
+    /// Of two matrices, for little more than the price of one.
+    pub(crate) fn of_two(matrices: [[f64; 6]; 2], points: [f32; 2]) -> [Self; 2] {
+        let [left, right] = matrices;
+        let [least, middle] = lesser_eigenvalues(std::array::from_fn(|k| f64x2::new([left[k], right[k]])));
+        let (least, middle) = (least.to_array(), middle.to_array());
+        [0, 1].map(|k| Self {
+            matrix: matrices[k],
+            least: least[k],
+            variance_mm2: least[k].max(1e-9) as f32,
+            middle_mm2: middle[k].max(1e-6) as f32,
+            points: points[k],
+        })
     }
 
     /// Unit normal of the fitted plane.
@@ -305,27 +334,28 @@ pub struct Eigen {
 
 /// Eigen-decomposition of a symmetric matrix (xx xy xz yy yz zz) as far as a plane fit needs it.
 pub fn smallest_eigen(matrix: [f64; 6]) -> Eigen {
-    let [least, middle] = lesser_eigenvalues(&matrix);
+    let [least, middle] = lesser_eigenvalues(matrix.map(f64x2::splat)).map(|of| of.to_array()[0]);
     Eigen { vector: eigenvector(&matrix, least), least, middle }
 }
 
-/// The least and the middle eigenvalue.
+/// The least and the middle eigenvalue of each of two matrices.
 ///
 /// The characteristic polynomial of the matrix less its mean, scaled, is `x³ - 3x - det` (Smith 1961); its other two roots
 /// solve a quadratic.
-fn lesser_eigenvalues([a, b, c, d, e, f]: &[f64; 6]) -> [f64; 2] {
-    let mean = (a + d + f) / 3.0;
+fn lesser_eigenvalues([a, b, c, d, e, f]: [f64x2; 6]) -> [f64x2; 2] {
+    let [two, three, zero] = [2.0, 3.0, 0.0].map(f64x2::splat);
+    let mean = (a + d + f) / three;
     let (p, q, r) = (a - mean, d - mean, f - mean);
-    let spread = (p * p + q * q + r * r + 2.0 * (b * b + c * c + e * e)) / 6.0;
+    let spread = (p * p + q * q + r * r + two * (b * b + c * c + e * e)) / 6.0;
     let scale = spread.sqrt();
-    if scale <= 1e-12 * mean.abs() || scale == 0.0 {
-        return [mean; 2];
-    }
     let per = 1.0 / scale;
     let (p, q, r, s, t, u) = (p * per, q * per, r * per, b * per, c * per, e * per);
     let det = p * (q * r - u * u) - s * (s * r - u * t) + t * (s * u - q * t);
-    let root = least_root(det.clamp(-2.0, 2.0));
-    [mean + scale * root, mean - 0.5 * scale * (root + (12.0 - 3.0 * root * root).max(0.0).sqrt())]
+    let root = least_root(det.fast_max(-two).fast_min(two));
+    let middle = root + (12.0 - three * root * root).fast_max(zero).sqrt();
+    // A multiple of 1 has no direction, and what was scaled by its spread is no number.
+    let even = scale.simd_le(1e-12 * mean.abs()) | scale.simd_eq(zero);
+    [mean + scale * root, mean - 0.5 * scale * middle].map(|value| even.select(mean, value))
 }
 
 /// Unit eigenvector of an eigenvalue: the longest cross product of two rows of the matrix less it; z for a multiple of 1.
@@ -341,10 +371,12 @@ fn eigenvector([a, b, c, d, e, f]: &[f64; 6], value: f64) -> Vector3<f64> {
 ///
 /// With `s² = 2 - det` the root is `-1 - s g(s)`, where `g` is smooth also at the double root, `s = 0`, and a cubic fits it.
 /// The error of the start is proportional to `s`, as is the slope, so that the steps converge there, too.
-fn least_root(det: f64) -> f64 {
+fn least_root(det: f64x2) -> f64x2 {
+    let splat = f64x2::splat;
     let s = (2.0 - det).sqrt();
     let g = 0.577_263_773 + s * (-0.054_589_266 + s * (0.010_810_3 - s * 0.001_424_887));
-    let step = |x: f64| x - (x * (x * x - 3.0) - det) / (3.0 * (x * x - 1.0)).max(f64::MIN_POSITIVE);
+    let slope = |x: f64x2| (3.0 * (x * x - 1.0)).fast_max(splat(f64::MIN_POSITIVE));
+    let step = |x: f64x2| x - (x * (x * x - 3.0) - det) / slope(x);
     let start = -1.0 - s * g;
-    if s < 1e-7 { start } else { step(step(start)) }
+    s.simd_lt(splat(1e-7)).select(start, step(step(start)))
 }

@@ -7,16 +7,9 @@ pub(super) fn keep_freed() {
     #[cfg(all(target_os = "linux", target_env = "gnu"))]
     // SAFETY: settings of the allocator, which takes any values.
     unsafe {
+        // One store for all threads: what one frees another takes.
+        libc::mallopt(libc::M_ARENA_MAX, 1);
         libc::mallopt(libc::M_MMAP_THRESHOLD, 1 << 25);
         libc::mallopt(libc::M_TRIM_THRESHOLD, i32::MAX);
-    }
-}
-
-/// Gives it back after all, before stages that need little of it.
-pub(super) fn give_back_freed() {
-    #[cfg(all(target_os = "linux", target_env = "gnu"))]
-    // SAFETY: only memory that is not in use is given back.
-    unsafe {
-        libc::malloc_trim(0);
     }
 }

@@ -17,7 +17,7 @@ use weldpath::{report, scan, selection};
 
 use super::progress::Progress;
 use super::weld::WeldArgs;
-use super::{Exit, Failure, memory, print, table, whole};
+use super::{Exit, Failure, print, table, whole};
 
 /// Plan the torch paths of all seams in a scan
 ///
@@ -114,7 +114,6 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
             return keep_stages(&args.out, stages, seen.unwrap_or_default()).and(Err(failure));
         }
     };
-    memory::give_back_freed();
     let mut output = postprocess(&plan, &job, source.clone()).map_err(not_written_out)?;
     output.files.extend(stages);
     if let Some(recording) = recording {

@@ -3,6 +3,7 @@
 //! Everything is first written to a hidden folder inside the target, so a full disk or a missing permission is met
 //! before anything is replaced; then the files are renamed into place, and put back if one of them cannot be.
 
+use rayon::prelude::*;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -91,11 +92,11 @@ fn write_into(directory: &Path, files: &[File]) -> Result<(), Error> {
     let staging =
         tempfile::Builder::new().prefix(".weldpath-").tempdir_in(directory).map_err(Error::at(directory))?;
     let (fresh, replaced) = (staging.path().join("new"), staging.path().join("old"));
-    for file in files {
+    files.par_iter().try_for_each(|file| {
         let path = fresh.join(&file.name);
         make_parent(&path)?;
-        std::fs::write(&path, &file.bytes).map_err(Error::at(directory.join(&file.name)))?;
-    }
+        std::fs::write(&path, &file.bytes).map_err(Error::at(directory.join(&file.name)))
+    })?;
     let mut done: Vec<&str> = Vec::new();
     for file in files {
         done.push(&file.name);

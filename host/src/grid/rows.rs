@@ -36,15 +36,46 @@ pub(crate) struct Row {
 }
 
 /// The cell of a point: its row and its x.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct CellAt {
-    pub(crate) row: u32,
-    pub(crate) x: u32,
+struct CellAt {
+    row: u32,
+    x: u32,
+}
+
+/// The occupied part of a row and its points.
+#[derive(Clone, Copy)]
+struct Span {
+    first_x: u32,
+    end_x: u32,
+    points: u32,
+}
+
+impl Span {
+    const NONE: Self = Self { first_x: u32::MAX, end_x: 0, points: 0 };
+
+    fn add(&mut self, x: u32) {
+        *self = self.with(&Self { first_x: x, end_x: x + 1, points: 1 });
+    }
+
+    fn with(&self, other: &Self) -> Self {
+        Self {
+            first_x: self.first_x.min(other.first_x),
+            end_x: self.end_x.max(other.end_x),
+            points: self.points + other.points,
+        }
+    }
+}
+
+/// A share of the points, for one thread, and how many of them lie in each row.
+pub(crate) struct Share<'a> {
+    /// Index in the cloud of the first of them.
+    pub(crate) first: u32,
+    pub(crate) points: &'a [Point3<f32>],
+    pub(crate) in_row: Vec<u32>,
 }
 
 impl Rows {
-    /// Lays rows of cells of about `cell_mm` over `points`, which must be finite, and finds the cell of each.
-    pub(crate) fn over(points: &[Point3<f32>], cell_mm: f32) -> (Self, Vec<CellAt>) {
+    /// Lays rows of cells of about `cell_mm` over `points`, which must be finite.
+    pub(crate) fn over(points: &[Point3<f32>], cell_mm: f32) -> (Self, Vec<Share<'_>>) {
         let (low_mm, high_mm) = bounds(points);
         let budget = (points.len() * MAX_ENTRIES_PER_POINT).max(MIN_ENTRIES);
         let farthest = (0..3).map(|k| low_mm[k].abs().max(high_mm[k].abs())).fold(0.0, f32::max);
@@ -56,11 +87,9 @@ impl Rows {
                 let slack_mm = 8.0 * f32::EPSILON * (farthest + cell_mm);
                 let mut rows =
                     Self { low_mm, cell_mm, per_mm: 1.0 / cell_mm, slack_mm, cells, rows: Vec::new() };
-                let at: Vec<CellAt> =
-                    points.par_iter().with_min_len(SHARE).map(|p| rows.cell_at(p)).collect();
-                rows.lay(&at);
+                let shares = rows.lay(points);
                 if rows.entries() <= budget {
-                    return (rows, at);
+                    return (rows, shares);
                 }
             }
             cell_mm *= 1.5;
@@ -68,32 +97,31 @@ impl Rows {
     }
 
     /// Finds the extent of each row.
-    fn lay(&mut self, at: &[CellAt]) {
+    fn lay<'a>(&mut self, points: &'a [Point3<f32>]) -> Vec<Share<'a>> {
         let rows = self.cells[1] * self.cells[2];
-        // A share has a table of its own, so it should not be smaller than that.
-        let share = at.len().div_ceil(rayon::current_num_threads()).max(SHARE).max(2 * rows);
-        let wider = |s: (u32, u32), t: (u32, u32)| (s.0.min(t.0), s.1.max(t.1));
-        let nothing = || vec![(u32::MAX, 0u32); rows];
-        let of_share = |at: &[CellAt]| {
-            let mut span = nothing();
-            at.iter().for_each(|at| {
-                let s = &mut span[at.row as usize];
-                *s = wider(*s, (at.x, at.x + 1));
-            });
-            span
+        // A share has tables of its own, so it should not be smaller than these.
+        let share = points.len().div_ceil(rayon::current_num_threads()).max(SHARE).max(2 * rows);
+        let of_share = |points: &'a [Point3<f32>]| {
+            let mut spans = vec![Span::NONE; rows];
+            points.iter().map(|p| self.cell_at(p)).for_each(|at| spans[at.row as usize].add(at.x));
+            spans
         };
-        let both = |mut span: Vec<_>, other: Vec<_>| {
-            span.iter_mut().zip(other).for_each(|(s, t)| *s = wider(*s, t));
-            span
-        };
-        let span = at.par_chunks(share).map(of_share).reduce_with(both).unwrap_or_else(nothing);
-        self.rows.reserve_exact(rows + 1);
+        let shares: Vec<(_, Vec<Span>)> =
+            points.par_chunks(share).map(|points| (points, of_share(points))).collect();
+        self.rows = Vec::with_capacity(rows + 1);
         let mut entry = 0;
-        for (first_x, end_x) in span {
-            self.rows.push(Row { first_x, entry });
-            entry = entry.saturating_add(end_x.saturating_sub(first_x));
+        for row in 0..rows {
+            let span = shares.iter().fold(Span::NONE, |span, (_, spans)| span.with(&spans[row]));
+            self.rows.push(Row { first_x: span.first_x, entry });
+            entry = entry.saturating_add(span.end_x.saturating_sub(span.first_x));
         }
         self.rows.push(Row { first_x: 0, entry });
+        let counted = |(k, (points, spans)): (usize, (_, Vec<Span>))| Share {
+            first: (k * share) as u32,
+            points,
+            in_row: spans.iter().map(|span| span.points).collect(),
+        };
+        shares.into_iter().enumerate().map(counted).collect()
     }
 
     /// Number of table entries.
@@ -101,11 +129,17 @@ impl Rows {
         self.rows.last().map_or(0, |end| end.entry as usize)
     }
 
-    /// The entry of a point's cell.
+    /// Row of an indexed point's cell, and entry of the cell.
     #[inline]
-    pub(crate) fn entry_of(&self, at: &CellAt) -> usize {
+    pub(crate) fn row_and_entry(&self, p: &Point3<f32>) -> (usize, u32) {
+        let at = self.cell_at(p);
         let row = self.rows[at.row as usize];
-        (row.entry + (at.x - row.first_x)) as usize
+        (at.row as usize, row.entry + (at.x - row.first_x))
+    }
+
+    /// Where the entries of each row begin.
+    pub(crate) fn begins(&self) -> impl Iterator<Item = u32> + '_ {
+        self.rows.windows(2).map(|row| row[0].entry)
     }
 
     /// A row, and where its entries end.
@@ -173,16 +207,19 @@ pub(crate) fn bounds(points: &[Point3<f32>]) -> ([f32; 3], [f32; 3]) {
     if points.is_empty() {
         return ([0.0; 3], [0.0; 3]);
     }
-    // Written so that it compiles to single instructions: the coordinates are finite.
-    let lesser = |a: f32, b: f32| if b < a { b } else { a };
-    let greater = |a: f32, b: f32| if b > a { b } else { a };
+    let lanes = |p: &Point3<f32>| f32x4::new([p.x, p.y, p.z, 0.0]);
+    let none = (f32x4::splat(f32::MAX), f32x4::splat(f32::MIN));
+    let both = |a: (f32x4, f32x4), b: (f32x4, f32x4)| (a.0.fast_min(b.0), a.1.fast_max(b.1));
     let of = |share: &[Point3<f32>]| {
-        share.iter().fold(([f32::MAX; 3], [f32::MIN; 3]), |(low, high), p| {
-            ([0, 1, 2].map(|k| lesser(low[k], p[k])), [0, 1, 2].map(|k| greater(high[k], p[k])))
-        })
+        // Two at a time, as each must wait for the one before it.
+        let (pairs, last) = share.as_chunks::<2>();
+        let ends = last.iter().map(lanes).fold(none, |ends, p| both(ends, (p, p)));
+        let [even, odd] = pairs
+            .iter()
+            .fold([ends; 2], |ends, pair| [0, 1].map(|k| both(ends[k], (lanes(&pair[k]), lanes(&pair[k])))));
+        both(even, odd)
     };
-    let both = |(l, h): ([f32; 3], [f32; 3]), (m, i): ([f32; 3], [f32; 3])| {
-        ([0, 1, 2].map(|k| lesser(l[k], m[k])), [0, 1, 2].map(|k| greater(h[k], i[k])))
-    };
-    points.par_chunks(SHARE).map(of).reduce(|| ([f32::MAX; 3], [f32::MIN; 3]), both)
+    let (low, high) = points.par_chunks(SHARE).map(of).reduce(|| none, both);
+    let ([x, y, z, _], [u, v, w, _]) = (low.to_array(), high.to_array());
+    ([x, y, z], [u, v, w])
 }

@@ -29,9 +29,9 @@ pub(crate) struct Cells {
 impl Cells {
     /// Gathers finite `points` in cells of about `cell_mm`, in the order of the cells along x, then y, then z.
     pub(crate) fn new(points: &[Point3<f32>], cell_mm: f32) -> Self {
-        let (rows, cells) = Rows::over(points, cell_mm);
+        let (rows, _) = Rows::over(points, cell_mm);
         let mut of_point: Vec<u32> =
-            cells.par_iter().with_min_len(SHARE).map(|cell| rows.entry_of(cell) as u32).collect();
+            points.par_iter().with_min_len(SHARE).map(|p| rows.row_and_entry(p).1).collect();
         let mut at = vec![0u32; rows.entries()];
         of_point.iter().for_each(|&entry| at[entry as usize] = 1);
         let mut places = Vec::with_capacity(at.iter().sum::<u32>() as usize);
@@ -169,12 +169,18 @@ impl Sums {
         Self(pairs.map(f64x2::new))
     }
 
-    /// How the points scatter about their mean.
-    pub(crate) fn scatter(&self) -> Scatter {
+    /// How the points scatter about their mean, of two cells.
+    pub(crate) fn scatter(two: [&Self; 2]) -> [Scatter; 2] {
+        let [one, other] = two.map(Self::matrix);
+        Scatter::of_two([one.0, other.0], [one.1, other.1])
+    }
+
+    /// Of how points scatter about their mean, and their number.
+    fn matrix(&self) -> ([f64; 6], f32) {
         let [[n, x], [y, z], [xx, xy], [xz, yy], [yz, zz]] = self.0.map(f64x2::to_array);
         let per = 1.0 / n.max(1.0);
         let [x, y, z, xx, xy, xz, yy, yz, zz] = [x, y, z, xx, xy, xz, yy, yz, zz].map(|sum| sum * per);
         let matrix = [xx - x * x, xy - x * y, xz - x * z, yy - y * y, yz - y * z, zz - z * z];
-        Scatter::new(matrix, n.max(1.0) as f32)
+        (matrix, n.max(1.0) as f32)
     }
 }

@@ -133,7 +133,8 @@ fn spacings_mm(merged: &Merged, index: &Grid, edge_mm: f32) -> Vec<f32> {
         let other = |slot: usize| is_first(index.index(slot)) && index.point(slot) != *point;
         index.nearest(point, 8.0 * edge_mm, other).map(|(_, d2)| d2.sqrt())
     };
-    even_sample(of_first.len(), SPACING_SAMPLE).filter_map(nearest_mm).collect()
+    let picks: Vec<usize> = even_sample(of_first.len(), SPACING_SAMPLE).collect();
+    picks.into_par_iter().filter_map(nearest_mm).collect()
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use nalgebra::{Point3, RealField, Vector3};
+use rayon::prelude::*;
 
 use super::Error;
 use super::units::Unit;
@@ -77,7 +78,7 @@ impl Positions {
         let to_mm = |p: Vector3<f64>| Point3::from(((p - origin) * mm_per_unit).cast::<f32>());
         match self {
             Self::Single(mut points) => {
-                points.iter_mut().for_each(|p| *p = to_mm(p.coords.cast()));
+                points.par_iter_mut().for_each(|p| *p = to_mm(p.coords.cast()));
                 points
             }
             Self::Double(points) => points.into_iter().map(|p| to_mm(p.coords)).collect(),

@@ -2,6 +2,7 @@
 
 use super::section::Beside;
 use nalgebra::{Matrix3, Matrix4, Vector4};
+use wide::f64x2;
 
 /// A fitted face at one station: `h = offset + slope u + bend u² + ...` with the terms along the seam taken out.
 #[derive(Debug, Clone, Copy, Default)]
@@ -40,8 +41,55 @@ pub struct Sample {
 /// Least noise that is assumed, mm: keeps exact data from making every point an outlier.
 const LEAST_SIGMA_MM: f64 = 0.005;
 
+/// Four terms of a fit at a sample, in pairs.
+#[derive(Clone, Copy)]
+struct Row([f64x2; 2]);
+
+impl Row {
+    fn new(terms: [f64; 4]) -> Self {
+        let [a, b, c, d] = terms;
+        Self([f64x2::new([a, b]), f64x2::new([c, d])])
+    }
+
+    fn dot(&self, x: &Row) -> f64 {
+        let [even, odd] = (self.0[0] * x.0[0] + self.0[1] * x.0[1]).to_array();
+        even + odd
+    }
+}
+
+/// Weighted normal equations of four terms; the matrix column by column.
+#[derive(Default)]
+struct Equations {
+    columns: [[f64x2; 2]; 4],
+    pull: [f64x2; 2],
+}
+
+impl Equations {
+    fn add(&mut self, row: &Row, weight: f64, height: f64) {
+        let [[a, b], [c, d]] = row.0.map(f64x2::to_array);
+        let put = |to: &mut [f64x2; 2], factor: f64| (0..2).for_each(|k| to[k] += row.0[k] * factor);
+        self.columns.iter_mut().zip([a, b, c, d]).for_each(|(column, term)| put(column, weight * term));
+        put(&mut self.pull, weight * height);
+    }
+
+    fn matrix(&self) -> Matrix4<f64> {
+        Matrix4::from_fn(|row, column| self.columns[column][row / 2].to_array()[row % 2])
+    }
+
+    fn pull(&self) -> Vector4<f64> {
+        Vector4::from_fn(|row, _| self.pull[row / 2].to_array()[row % 2])
+    }
+}
+
+/// What a fit works in, kept from one to the next.
+#[derive(Debug, Default)]
+pub struct Scratch {
+    misses: Vec<f64>,
+    sorted: Vec<f64>,
+}
+
 /// Weighted bisquare fit of `h - bend u²` over `1, u, d` and, where the window is full, `d²`.
-pub fn fit(samples: &[Sample], bend: f64, half_mm: f64, scratch: &mut Vec<f64>) -> Option<Fit> {
+pub fn fit(samples: &[Sample], bend: f64, half_mm: f64, scratch: &mut Scratch) -> Option<Fit> {
     let least = 25;
     if samples.len() < least {
         return None;
@@ -49,31 +97,34 @@ pub fn fit(samples: &[Sample], bend: f64, half_mm: f64, scratch: &mut Vec<f64>) 
     let (low, high) = samples.iter().fold((f64::MAX, f64::MIN), |(l, h), s| (l.min(s.d), h.max(s.d)));
     let quadratic = high - low > 1.2 * half_mm;
     let height = |s: &Sample| s.h - bend * s.u * s.u;
-    let row = |s: &Sample| Vector4::new(1.0, s.u, s.d, if quadratic { s.d * s.d } else { 0.0 });
-    let mut x = Vector4::zeros();
-    let mut limit = f64::INFINITY;
+    let row = |s: &Sample| Row::new([1.0, s.u, s.d, if quadratic { s.d * s.d } else { 0.0 }]);
+    let Scratch { misses, sorted } = scratch;
+    misses.clear();
+    misses.resize(samples.len(), 0.0);
+    let (mut x, mut limit) = (Vector4::zeros(), f64::INFINITY);
     let (mut sigma, mut weight, mut inverse) = (0.0, 0.0, Matrix4::zeros());
-    for round in 0..5 {
-        let (mut a, mut b) = (Matrix4::zeros(), Vector4::zeros());
+    for _ in 0..5 {
+        let mut equations = Equations::default();
         weight = 0.0;
-        for s in samples {
-            let r = row(s);
-            let miss = (height(s) - r.dot(&x)) / limit;
-            let w = s.w * if round == 0 { 1.0 } else { bisquare(miss) };
+        for (s, miss) in samples.iter().zip(&*misses) {
+            let w = s.w * bisquare(miss / limit);
             if w > 0.0 {
-                a.ger(w, &r, &r, 1.0);
-                b.axpy(w * height(s), &r, 1.0);
+                equations.add(&row(s), w, height(s));
                 weight += w;
             }
         }
+        let mut matrix = equations.matrix();
         if !quadratic {
-            a[(3, 3)] = 1.0;
+            matrix[(3, 3)] = 1.0;
         }
-        inverse = a.try_inverse()?;
-        x = inverse * b;
-        scratch.clear();
-        scratch.extend(samples.iter().map(|s| (height(s) - row(s).dot(&x)).abs()));
-        sigma = (1.4826 * crate::normals::median(scratch)).max(LEAST_SIGMA_MM);
+        inverse = matrix.try_inverse()?;
+        x = inverse * equations.pull();
+        let solved = Row::new(x.into());
+        for (s, miss) in samples.iter().zip(&mut *misses) {
+            *miss = (height(s) - row(s).dot(&solved)).abs();
+        }
+        sorted.clone_from(misses);
+        sigma = (1.4826 * crate::normals::median(sorted)).max(LEAST_SIGMA_MM);
         limit = 4.0 * sigma;
     }
     (weight > 0.2 * least as f64).then_some(Fit {
@@ -98,20 +149,19 @@ pub fn bend(samples: &[Sample]) -> Option<f64> {
     if samples.len() < 60 {
         return None;
     }
-    let row = |s: &Sample| Vector4::new(1.0, s.u, s.d, s.u * s.u);
-    let mut x = Vector4::zeros();
-    let mut limit = f64::INFINITY;
-    for round in 0..3 {
-        let (mut a, mut b) = (Matrix4::zeros(), Vector4::zeros());
-        for s in samples {
-            let r = row(s);
-            let w = s.w * if round == 0 { 1.0 } else { bisquare((s.h - r.dot(&x)) / limit) };
-            a.ger(w, &r, &r, 1.0);
-            b.axpy(w * s.h, &r, 1.0);
+    let row = |s: &Sample| Row::new([1.0, s.u, s.d, s.u * s.u]);
+    let (mut x, mut limit) = (Vector4::zeros(), f64::INFINITY);
+    let mut misses = vec![0.0; samples.len()];
+    for _ in 0..3 {
+        let mut equations = Equations::default();
+        for (s, miss) in samples.iter().zip(&misses) {
+            equations.add(&row(s), s.w * bisquare(miss / limit), s.h);
         }
-        x = a.try_inverse()? * b;
-        let mut misses: Vec<f64> = samples.iter().map(|s| (s.h - row(s).dot(&x)).abs()).collect();
-        limit = 4.0 * (1.4826 * crate::normals::median(&mut misses)).max(LEAST_SIGMA_MM);
+        x = equations.matrix().try_inverse()? * equations.pull();
+        let solved = Row::new(x.into());
+        misses.clear();
+        misses.extend(samples.iter().map(|s| (s.h - row(s).dot(&solved)).abs()));
+        limit = 4.0 * (1.4826 * crate::normals::median(&mut misses.clone())).max(LEAST_SIGMA_MM);
     }
     Some(x[3])
 }

@@ -5,7 +5,7 @@
 //! cross-section; the stations are then smoothed as stiffly as cross-validation allows.
 
 use super::chain::Chain;
-use super::face::{self, Fit, Reach, Sample};
+use super::face::{self, Fit, Reach, Sample, Scratch};
 use super::section::{Beside, Frame, beside, near_path};
 use super::smooth::{Curve, Samples};
 use super::stretch;
@@ -425,11 +425,11 @@ impl Section {
     fn stations(&self, path: &Path) -> Vec<Option<Station>> {
         (0..path.frames.len())
             .into_par_iter()
-            .map_init(Vec::new, |scratch, k| self.station(path, k, scratch))
+            .map_init(Scratch::default, |scratch, k| self.station(path, k, scratch))
             .collect()
     }
 
-    fn station(&self, path: &Path, k: usize, scratch: &mut Vec<f64>) -> Option<Station> {
+    fn station(&self, path: &Path, k: usize, scratch: &mut Scratch) -> Option<Station> {
         let s = k as f32 * path.step_mm;
         let samples = [self.samples(0, s), self.samples(1, s)];
         let half = f64::from(self.half_mm);

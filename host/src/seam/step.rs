@@ -262,7 +262,7 @@ fn station(
     let s = k as f32 * path.step_mm;
     let strip = f64::from(config.strip * voxel_mm);
     let lower = section.samples(0, s);
-    let floor = face::fit(&lower, 0.0, f64::from(section.half_mm), &mut Vec::new())?;
+    let floor = face::fit(&lower, 0.0, f64::from(section.half_mm), &mut face::Scratch::default())?;
     let upper: Vec<Sample> = section.samples(1, s);
     // Density inside, away from the edge; then the edge that leaves as much of it as there is.
     let sum = |low: f64, high: f64| -> f64 {

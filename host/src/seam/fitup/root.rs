@@ -366,7 +366,7 @@ fn refitted(
             Sample { d: f64::from(*d), u: f64::from(u_mm), h: f64::from(h_mm), w: 1.0 }
         };
         let samples: Vec<Sample> = points.iter().map(sample).collect();
-        let fit = face::fit(&samples, 0.0, f64::MAX, &mut Vec::new())?;
+        let fit = face::fit(&samples, 0.0, f64::MAX, &mut face::Scratch::default())?;
         fitted.moved(faces, k, fit.offset as f32, fit.slope as f32);
     }
     Some(fitted)

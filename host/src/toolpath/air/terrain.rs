@@ -10,6 +10,7 @@
 use std::collections::HashMap;
 
 use nalgebra::{Point3, UnitVector3, Vector3};
+use rayon::prelude::*;
 
 use super::{Pose, up};
 use crate::cloud::PointCloud;
@@ -164,7 +165,7 @@ impl Map {
         map.aside_mm2 = (-widest..=widest)
             .map(|away| map.apart_mm([away.unsigned_abs() as usize, 0]).powi(2) as f32)
             .collect();
-        map.sizes = radii_mm.into_iter().map(|radius_mm| map.size(radius_mm)).collect();
+        map.sizes = radii_mm.into_par_iter().map(|radius_mm| map.size(radius_mm)).collect();
         map
     }
 
