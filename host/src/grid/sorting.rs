@@ -1,4 +1,4 @@
-//! Brings points into the order of their cells (ours; a sort by cells alone is the peers').
+//! Brings points into the order of their cells (ours).
 //!
 //! They go into buckets of consecutive rows first, then into their cells bucket by bucket: memory is read and written in order,
 //! or in stretches that the caches hold, so that a point costs little more in a large cloud than in a small one.
