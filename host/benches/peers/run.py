@@ -20,7 +20,7 @@ import tempfile
 
 HERE = pathlib.Path(__file__).resolve().parent
 ROOT = HERE.parents[2]
-# The allocator keeps freed memory, as `weldpath` has it do: for everybody, so that nobody fetches pages anew.
+# The allocator keeps freed memory, in one store for all threads, as `weldpath` has it do: for everybody, so that nobody fetches pages anew.
 KEPT = dict(MALLOC_ARENA_MAX="1", MALLOC_MMAP_THRESHOLD_=str(1 << 25), MALLOC_TRIM_THRESHOLD_=str(2**31 - 1))
 ONE = dict(os.environ, **KEPT, OMP_NUM_THREADS="1", RAYON_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
 PCL = "common features filters io io_ply kdtree octree sample_consensus search".split()

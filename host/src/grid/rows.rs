@@ -12,7 +12,7 @@ const MAX_ENTRIES_PER_POINT: usize = 8;
 /// Table entries that are always affordable.
 const MIN_ENTRIES: usize = 1 << 20;
 /// Points that a thread takes at a time.
-const SHARE: usize = 1 << 14;
+pub(crate) const SHARE: usize = 1 << 14;
 
 /// Rows of cubic cells over the box of some points.
 #[derive(Debug, Clone, Default)]

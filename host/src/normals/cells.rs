@@ -3,13 +3,10 @@
 //! The points are not sorted: each finds its cell and is added to it, in the order of the cloud.
 
 use super::{Moments, Scatter};
-use crate::grid::rows::Rows;
+use crate::grid::rows::{Rows, SHARE};
 use nalgebra::Point3;
 use rayon::prelude::*;
 use wide::f64x2;
-
-/// Points that a thread takes at a time.
-const SHARE: usize = 1 << 14;
 
 /// Moments of the occupied cells over some points, each about its cell's centre.
 pub(crate) struct Cells {

@@ -88,6 +88,56 @@ pub struct Scratch {
     sorted: Vec<f64>,
 }
 
+/// A robust solution of four terms: their coefficients, the inverse of the last equations, their weight, and the noise.
+struct Solution {
+    x: Vector4<f64>,
+    inverse: Matrix4<f64>,
+    weight: f64,
+    sigma: f64,
+}
+
+impl Scratch {
+    /// Weighted bisquare fit of `height` over the terms of `row`; where the fourth is always 0, it is not `curved`.
+    fn solve(
+        &mut self,
+        samples: &[Sample],
+        row: impl Fn(&Sample) -> Row,
+        height: impl Fn(&Sample) -> f64,
+        curved: bool,
+        rounds: usize,
+    ) -> Option<Solution> {
+        let Self { misses, sorted } = self;
+        misses.clear();
+        misses.resize(samples.len(), 0.0);
+        let (mut limit, mut solution) = (f64::INFINITY, None);
+        for _ in 0..rounds {
+            let (mut equations, mut weight) = (Equations::default(), 0.0);
+            for (s, miss) in samples.iter().zip(&*misses) {
+                let w = s.w * bisquare(miss / limit);
+                if w > 0.0 {
+                    equations.add(&row(s), w, height(s));
+                    weight += w;
+                }
+            }
+            let mut matrix = equations.matrix();
+            if !curved {
+                matrix[(3, 3)] = 1.0;
+            }
+            let inverse = matrix.try_inverse()?;
+            let x = inverse * equations.pull();
+            let solved = Row::new(x.into());
+            for (s, miss) in samples.iter().zip(&mut *misses) {
+                *miss = (height(s) - row(s).dot(&solved)).abs();
+            }
+            sorted.clone_from(misses);
+            let sigma = (1.4826 * crate::normals::median(sorted)).max(LEAST_SIGMA_MM);
+            limit = 4.0 * sigma;
+            solution = Some(Solution { x, inverse, weight, sigma });
+        }
+        solution
+    }
+}
+
 /// Weighted bisquare fit of `h - bend u²` over `1, u, d` and, where the window is full, `d²`.
 pub fn fit(samples: &[Sample], bend: f64, half_mm: f64, scratch: &mut Scratch) -> Option<Fit> {
     let least = 25;
@@ -98,35 +148,7 @@ pub fn fit(samples: &[Sample], bend: f64, half_mm: f64, scratch: &mut Scratch) -
     let quadratic = high - low > 1.2 * half_mm;
     let height = |s: &Sample| s.h - bend * s.u * s.u;
     let row = |s: &Sample| Row::new([1.0, s.u, s.d, if quadratic { s.d * s.d } else { 0.0 }]);
-    let Scratch { misses, sorted } = scratch;
-    misses.clear();
-    misses.resize(samples.len(), 0.0);
-    let (mut x, mut limit) = (Vector4::zeros(), f64::INFINITY);
-    let (mut sigma, mut weight, mut inverse) = (0.0, 0.0, Matrix4::zeros());
-    for _ in 0..5 {
-        let mut equations = Equations::default();
-        weight = 0.0;
-        for (s, miss) in samples.iter().zip(&*misses) {
-            let w = s.w * bisquare(miss / limit);
-            if w > 0.0 {
-                equations.add(&row(s), w, height(s));
-                weight += w;
-            }
-        }
-        let mut matrix = equations.matrix();
-        if !quadratic {
-            matrix[(3, 3)] = 1.0;
-        }
-        inverse = matrix.try_inverse()?;
-        x = inverse * equations.pull();
-        let solved = Row::new(x.into());
-        for (s, miss) in samples.iter().zip(&mut *misses) {
-            *miss = (height(s) - row(s).dot(&solved)).abs();
-        }
-        sorted.clone_from(misses);
-        sigma = (1.4826 * crate::normals::median(sorted)).max(LEAST_SIGMA_MM);
-        limit = 4.0 * sigma;
-    }
+    let Solution { x, inverse, weight, sigma } = scratch.solve(samples, row, height, quadratic, 5)?;
     (weight > 0.2 * least as f64).then_some(Fit {
         offset: x[0],
         slope: x[1],
@@ -145,25 +167,12 @@ fn bisquare(miss: f64) -> f64 {
 }
 
 /// Coefficient of `u²` of one station, by a robust fit over `1, u, d, u²`.
-pub fn bend(samples: &[Sample]) -> Option<f64> {
+pub fn bend(samples: &[Sample], scratch: &mut Scratch) -> Option<f64> {
     if samples.len() < 60 {
         return None;
     }
     let row = |s: &Sample| Row::new([1.0, s.u, s.d, s.u * s.u]);
-    let (mut x, mut limit) = (Vector4::zeros(), f64::INFINITY);
-    let mut misses = vec![0.0; samples.len()];
-    for _ in 0..3 {
-        let mut equations = Equations::default();
-        for (s, miss) in samples.iter().zip(&misses) {
-            equations.add(&row(s), s.w * bisquare(miss / limit), s.h);
-        }
-        x = equations.matrix().try_inverse()? * equations.pull();
-        let solved = Row::new(x.into());
-        misses.clear();
-        misses.extend(samples.iter().map(|s| (s.h - row(s).dot(&solved)).abs()));
-        limit = 4.0 * (1.4826 * crate::normals::median(&mut misses.clone())).max(LEAST_SIGMA_MM);
-    }
-    Some(x[3])
+    scratch.solve(samples, row, |s| s.h, true, 3).map(|solution| solution.x[3])
 }
 
 /// Scales of [`reach`], mm.

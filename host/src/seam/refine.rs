@@ -384,14 +384,10 @@ impl Section {
         let n = path.frames.len();
         let raw: Vec<Option<f64>> = (0..n)
             .into_par_iter()
-            .map(|k| {
-                let flat = |mut s: Sample| {
-                    s.w = 1.0;
-                    s
-                };
-                face::bend(
-                    &self.samples(face, k as f32 * path.step_mm).into_iter().map(flat).collect::<Vec<_>>(),
-                )
+            .map_init(Scratch::default, |scratch, k| {
+                let mut samples = self.samples(face, k as f32 * path.step_mm);
+                samples.iter_mut().for_each(|s| s.w = 1.0);
+                face::bend(&samples, scratch)
             })
             .collect();
         if raw.iter().flatten().count() < 5 {
