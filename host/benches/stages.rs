@@ -181,13 +181,15 @@ fn seam(bencher: Bencher, case: Case) {
     let voxels = voxel_grid(&merged, scale.edge_mm, scale.least);
     let model = bilateral(&voxels.cloud, &scale.bilateral());
     let raw = Grid::new(&merged.points_mm, pipeline::RAW_CELL_MM);
-    let index = Grid::new(&model.points_mm, seam::INDEX_VOXELS * scale.edge_mm);
+    let reach_mm = seam::INDEX_VOXELS * scale.edge_mm;
+    let index = Grid::new(&model.points_mm, reach_mm);
     let input = seam::Input {
         merged: &merged,
         raw: &raw,
         voxels: &voxels,
         model: &model,
         index: &index,
+        asymmetries: &edges::asymmetries(&index, reach_mm),
         registration: None,
         names: vec!["view"],
         cameras_known: true,

@@ -27,8 +27,9 @@ pub fn bilateral(cloud: &PointCloud, config: &Config) -> PointCloud {
     let grid = Grid::new(&cloud.points_mm, config.radius_mm);
     let limit = f32x8::splat(config.radius_mm * config.radius_mm);
     let (near, level) = (0.5 / config.distance_mm.powi(2), 0.5 / config.height_mm.powi(2));
+    let normals = grid.by_slot(&cloud.normals);
     let moved: Vec<Point3<f32>> = grid.sweep(config.radius_mm, [], |slot, around| {
-        let (p, normal) = (grid.point(slot), cloud.normals[grid.index(slot)]);
+        let (p, normal) = (grid.point(slot), normals[slot]);
         let (mut sums, mut weights) = (f32x8::ZERO, f32x8::ZERO);
         for Eight { offset: [x, y, z], d2, .. } in around.from(p) {
             let height = x * normal.x + y * normal.y + z * normal.z;
@@ -39,9 +40,11 @@ pub fn bilateral(cloud: &PointCloud, config: &Config) -> PointCloud {
         }
         p + normal * (sums.reduce_add() / weights.reduce_add().max(f32::MIN_POSITIVE))
     });
-    let mut points_mm = cloud.points_mm.clone();
-    moved.into_iter().enumerate().for_each(|(slot, p)| points_mm[grid.index(slot)] = p);
-    PointCloud { origin_mm: cloud.origin_mm, points_mm, normals: cloud.normals.clone() }
+    PointCloud {
+        origin_mm: cloud.origin_mm,
+        points_mm: grid.by_point(&moved),
+        normals: cloud.normals.clone(),
+    }
 }
 
 #[cfg(test)]

@@ -10,6 +10,7 @@ mod sorting;
 pub mod sweep;
 
 use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
 use rows::Rows;
 use sorting::Sorted;
 use std::ops::Range;
@@ -68,6 +69,18 @@ impl Grid {
     /// Index in the input of the point at a slot.
     pub fn index(&self, slot: usize) -> usize {
         self.order[slot] as usize
+    }
+
+    /// What is known of each point, in the order of the input, by slot.
+    pub fn by_slot<T: Copy + Send + Sync>(&self, by_point: &[T]) -> Vec<T> {
+        self.order.par_iter().with_min_len(rows::SHARE).map(|index| by_point[*index as usize]).collect()
+    }
+
+    /// What is known of each slot, in the order of the input.
+    pub fn by_point<T: Copy>(&self, by_slot: &[T]) -> Vec<T> {
+        let mut by_point = by_slot.to_vec();
+        self.order.iter().zip(by_slot).for_each(|(index, value)| by_point[*index as usize] = *value);
+        by_point
     }
 
     /// Coordinates of all slots, column by column.

@@ -99,11 +99,11 @@ impl Patch {
 impl Patches {
     /// Column by column.
     fn of(found: Vec<Patch>) -> Self {
-        let column = |of: fn(&Patch) -> f32| found.iter().map(of).collect();
+        let column = |of: fn(&Patch) -> f32| found.par_iter().map(of).collect();
         Self {
             cloud: PointCloud {
-                points_mm: found.iter().map(|p| p.position).collect(),
-                normals: found.iter().map(|p| p.normal).collect(),
+                points_mm: found.par_iter().map(|p| p.position).collect(),
+                normals: found.par_iter().map(|p| p.normal).collect(),
                 ..PointCloud::default()
             },
             variance_mm2: column(|p| p.variance_mm2),
@@ -126,7 +126,7 @@ pub fn estimate(view: &View, config: &Config) -> Patches {
     let most_mm = COARSEST * cell_mm;
     loop {
         let (patches, fitted) = in_cells(view, spacing_mm, cell_mm, config);
-        if fitted >= config.min_fitted * view.points_mm.len() as f32 || cell_mm >= most_mm {
+        if fitted >= f64::from(config.min_fitted) * view.points_mm.len() as f64 || cell_mm >= most_mm {
             return patches;
         }
         cell_mm *= 2.0;
@@ -140,7 +140,7 @@ const COARSEST: f32 = 8.0;
 const MIN_BREADTH: f32 = 0.1;
 
 /// Patches in cells of the given edge, and how many points have enough neighbours on all sides for a fit.
-fn in_cells(view: &View, spacing_mm: f32, cell_mm: f32, config: &Config) -> (Patches, f32) {
+fn in_cells(view: &View, spacing_mm: f32, cell_mm: f32, config: &Config) -> (Patches, f64) {
     let cells = Cells::new(&view.points_mm, cell_mm);
     let cell_mm = cells.cell_mm();
     // Windows of 3 and 5 cells; one of 9 where it may be taken. The larger ones are tapered.
@@ -148,7 +148,7 @@ fn in_cells(view: &View, spacing_mm: f32, cell_mm: f32, config: &Config) -> (Pat
     let wide = cells.widen(&near);
     let pairs: Vec<_> = near.par_chunks(2).map(|two| Sums::scatter([&two[0], &two[two.len() - 1]])).collect();
     let narrow = &pairs.as_flattened()[..cells.len()];
-    let mut sizes: Vec<f32> = narrow.iter().map(|p| p.variance_mm2).collect();
+    let mut sizes: Vec<f32> = narrow.par_iter().map(|p| p.variance_mm2).collect();
     let noise_mm2 = median(&mut sizes);
     // Noise grows with distance: the work is nearer than most of what is in view.
     let quarter = sizes.len() / 4;
@@ -158,7 +158,9 @@ fn in_cells(view: &View, spacing_mm: f32, cell_mm: f32, config: &Config) -> (Pat
         cells.moments[k].count >= config.min_points as f32 && narrow[k].points >= config.min_fit_points as f32
     };
     let broad = |&k: &usize| enough(k) && narrow[k].middle_mm2 > MIN_BREADTH * cell_mm.powi(2);
-    let fitted = (0..cells.len()).filter(broad).map(|k| cells.moments[k].count).sum();
+    // Whole numbers, whose sum does not depend on their order.
+    let fitted: f64 =
+        (0..cells.len()).into_par_iter().filter(broad).map(|k| f64::from(cells.moments[k].count)).sum();
     let patches_of = |two: &[usize]| {
         let two = [two[0], two[two.len() - 1]];
         let mut best = two.map(|k| narrow[k]);
@@ -186,7 +188,7 @@ fn in_cells(view: &View, spacing_mm: f32, cell_mm: f32, config: &Config) -> (Pat
             Patch::facing_camera(&best[i], at, count, config.min_incidence_cos)
         })
     };
-    let trusted: Vec<usize> = (0..cells.len()).filter(|&k| enough(k)).collect();
+    let trusted: Vec<usize> = (0..cells.len()).into_par_iter().filter(|&k| enough(k)).collect();
     let found = trusted
         .par_chunks(2)
         .flat_map_iter(|two| patches_of(two).into_iter().take(two.len()).flatten())

@@ -5,68 +5,141 @@
 
 use crate::downsampling::Voxels;
 use crate::grid::Grid;
+use crate::grid::lanes::LANES;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 use std::collections::BinaryHeap;
+use wide::f32x8;
 
 /// Neighbours farther apart than this are not the same surface, voxels.
 const REACH_VOXELS: f32 = 2.0;
 
 /// The normals of a cloud, turned to one side of its surface.
 pub fn propagated(voxels: &Voxels) -> Vec<Vector3<f32>> {
-    let reach = REACH_VOXELS * voxels.edge_mm;
-    let grid = Grid::new(&voxels.cloud.points_mm, reach);
-    let mut normals: Vec<Vector3<f32>> =
-        (0..grid.len()).map(|slot| voxels.cloud.normals[grid.index(slot)]).collect();
-    let mut waiting = vec![Step { likeness: f32::NEG_INFINITY, from: 0 }; grid.len()];
+    let reach_mm = REACH_VOXELS * voxels.edge_mm;
+    let grid = Grid::new(&voxels.cloud.points_mm, reach_mm);
     let mut by_height: Vec<usize> = (0..grid.len()).collect();
     let [.., heights] = grid.columns();
     by_height.par_sort_unstable_by(|&a, &b| heights[b].total_cmp(&heights[a]).then(a.cmp(&b)));
-    let mut queue = BinaryHeap::new();
+    let mut sides = Sides::new(&grid, &voxels.cloud.normals);
     for seed in by_height {
-        if waiting[seed].likeness == DONE {
-            continue;
-        }
-        if normals[seed].z < 0.0 {
-            normals[seed] = -normals[seed];
-        }
-        waiting[seed].from = seed as u32;
-        queue.push(key(1.0, seed));
-        while let Some(to) = queue.pop().map(|key| key as u32 as usize) {
-            if std::mem::replace(&mut waiting[to].likeness, DONE) == DONE {
-                continue;
-            }
-            let own = normals[to];
-            let own = if own.dot(&normals[waiting[to].from as usize]) < 0.0 { -own } else { own };
-            normals[to] = own;
-            grid.within(&grid.point(to), reach, |other, _| {
-                let likeness = own.dot(&normals[other]).abs();
-                // A step that is less alike than the one that waits would come too late.
-                if likeness > waiting[other].likeness {
-                    waiting[other] = Step { likeness, from: to as u32 };
-                    queue.push(key(likeness, other));
-                }
-            });
+        if sides.likeness[seed] != DONE {
+            sides.spread(seed, reach_mm);
         }
     }
-    let mut turned = vec![Vector3::zeros(); grid.len()];
-    normals.into_iter().enumerate().for_each(|(slot, normal)| turned[grid.index(slot)] = normal);
-    turned
+    grid.by_point(&sides.normals)
 }
 
 /// More alike than any two unit vectors: the normal is turned.
 const DONE: f32 = f32::INFINITY;
 
-/// The likest step to a slot so far.
-#[derive(Clone, Copy)]
-struct Step {
-    likeness: f32,
-    from: u32,
+/// Normals by slot, on their way to one side; what is read eight at a time is padded.
+struct Sides<'a> {
+    grid: &'a Grid,
+    normals: Vec<Vector3<f32>>,
+    /// As they were given, column by column.
+    columns: [Vec<f32>; 3],
+    /// Of the likest step to each slot so far.
+    likeness: Vec<f32>,
+    /// Where that step begins.
+    from: Vec<u32>,
+    queue: Queue,
 }
 
-/// Orders the steps to slots by their likeness, 0 or more: the bits of such numbers are ordered as they are.
-fn key(likeness: f32, slot: usize) -> u64 {
-    u64::from(likeness.to_bits()) << 32 | slot as u64
+impl<'a> Sides<'a> {
+    fn new(grid: &'a Grid, normals: &[Vector3<f32>]) -> Self {
+        let normals = grid.by_slot(normals);
+        let padding = [0.0; LANES - 1];
+        let columns = [0, 1, 2].map(|axis| normals.iter().map(|n| n[axis]).chain(padding).collect());
+        let mut likeness = vec![f32::NEG_INFINITY; grid.len()];
+        likeness.extend([DONE; LANES - 1]);
+        Self { grid, normals, columns, likeness, from: vec![0; grid.len()], queue: Queue::default() }
+    }
+
+    /// Turns the seed up, and what can be reached from it accordingly.
+    fn spread(&mut self, seed: usize, reach_mm: f32) {
+        if self.normals[seed].z < 0.0 {
+            self.normals[seed] = -self.normals[seed];
+        }
+        self.from[seed] = seed as u32;
+        self.queue.push(1.0, seed);
+        while let Some(slot) = self.queue.pop() {
+            if std::mem::replace(&mut self.likeness[slot], DONE) != DONE {
+                if self.normals[slot].dot(&self.normals[self.from[slot] as usize]) < 0.0 {
+                    self.normals[slot] = -self.normals[slot];
+                }
+                self.step_on(slot, reach_mm);
+            }
+        }
+    }
+
+    /// Steps from `slot` that are liker than those that wait; others would come too late.
+    fn step_on(&mut self, slot: usize, reach_mm: f32) {
+        let Self { grid, normals, columns, likeness, from, queue } = self;
+        let (at, own) = (grid.point(slot), &normals[slot]);
+        let (place, limit) = ([at.x, at.y, at.z].map(f32x8::splat), f32x8::splat(reach_mm * reach_mm));
+        grid.runs(&at, reach_mm, |run| {
+            for first in run.step_by(LANES) {
+                let eight = |column: &[f32]| f32x8::from(&column[first..first + LANES]);
+                let [x, y, z] = columns.each_ref().map(|column| eight(column));
+                let alike = (x * own.x + y * own.y + z * own.z).abs();
+                let better =
+                    alike.simd_gt(eight(likeness)) & grid.squared_distances(first, &place).simd_lt(limit);
+                let (alike, mut better) = (alike.to_array(), better.to_bitmask());
+                while better != 0 {
+                    let lane = better.trailing_zeros() as usize;
+                    better &= better - 1;
+                    (likeness[first + lane], from[first + lane]) = (alike[lane], slot as u32);
+                    queue.push(alike[lane], first + lane);
+                }
+            }
+        });
+    }
+}
+
+/// Slots to step to: the likest first, and of equal ones the last slot.
+///
+/// A heap for each class of likeness: few steps are of the best class, and most of the others are never taken, as a liker one comes first.
+struct Queue {
+    heaps: [BinaryHeap<u64>; CLASSES],
+    /// Those before are empty.
+    best: usize,
+}
+
+impl Default for Queue {
+    fn default() -> Self {
+        Self { heaps: [const { BinaryHeap::new() }; CLASSES], best: 0 }
+    }
+}
+
+impl Queue {
+    /// `likeness` is 0 or more: the bits of such numbers are ordered as they are.
+    fn push(&mut self, likeness: f32, slot: usize) {
+        let class = class(likeness);
+        self.heaps[class].push(u64::from(likeness.to_bits()) << 32 | slot as u64);
+        self.best = self.best.min(class);
+    }
+
+    fn pop(&mut self) -> Option<usize> {
+        while let Some(heap) = self.heaps.get_mut(self.best) {
+            if let Some(key) = heap.pop() {
+                return Some(key as u32 as usize);
+            }
+            self.best += 1;
+        }
+        None
+    }
+}
+
+/// For no difference, and eight for each halving of what is missing to 1, which is at least 2^-24.
+const CLASSES: usize = 1 + 8 * 24 + 1;
+
+/// 0 for the most alike.
+fn class(likeness: f32) -> usize {
+    const EIGHTH: u32 = 20;
+    const LEAST: u32 = (f32::EPSILON / 2.0).to_bits() >> EIGHTH;
+    let missing = (1.0 - likeness).max(0.0).to_bits() >> EIGHTH;
+    (missing.saturating_sub(LEAST - 1) as usize).min(CLASSES - 1)
 }
 
 #[cfg(test)]

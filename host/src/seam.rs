@@ -135,6 +135,8 @@ pub struct Input<'a> {
     pub model: &'a PointCloud,
     /// Spatial index of its points, in cells of [`INDEX_VOXELS`].
     pub index: &'a Grid,
+    /// Of the neighbourhoods in it, by its slots: [`edges::asymmetries`] within [`INDEX_VOXELS`].
+    pub asymmetries: &'a [Vector3<f32>],
     /// Where the views are, if there are several.
     pub registration: Option<&'a Registration>,
     /// Names of the views, for messages.
@@ -194,7 +196,7 @@ pub struct Found {
 pub fn find(input: &Input, config: &Config) -> Found {
     let v = input.voxels.edge_mm;
     let grid = input.index;
-    let scores = edges::score(input.voxels, input.model, grid, INDEX_VOXELS * v);
+    let scores = edges::score(input.voxels, grid, input.asymmetries);
     let corners = corners(input, &scores, &config.corner);
     let table = support::find(input.voxels);
     let (on_table, off_table): (Vec<_>, Vec<_>) = corners
@@ -305,7 +307,7 @@ fn corners(input: &Input, scores: &edges::Scores, config: &corner::Config) -> Ve
     let radius = config.radius_voxels * v;
     let cloud = &input.voxels.cloud;
     let grid = Grid::new(&cloud.points_mm, 0.5 * radius);
-    let normals: Vec<_> = (0..grid.len()).map(|s| cloud.normals[grid.index(s)]).collect();
+    let normals = grid.by_slot(&cloud.normals);
     let candidates: Vec<usize> = (0..cloud.len())
         .filter(|&k| scores.intensity[k] > scores.gate && scores.concavity[k] > 0.5 * scores.gate)
         .collect();

@@ -110,13 +110,7 @@ fn bytes(vectors: impl Iterator<Item = Vector3<f32>>) -> Vec<u8> {
 fn normals_of(points: &[Point3<f32>]) -> Vec<Vector3<f32>> {
     let radius_mm = 6.4 * normals::mean_spacing_mm(points);
     let grid = Grid::new(points, radius_mm);
-    in_order(&grid, pointwise::within(&grid, radius_mm))
-}
-
-fn in_order<T: Copy>(grid: &Grid, by_slot: Vec<T>) -> Vec<T> {
-    let mut out = by_slot.clone();
-    by_slot.into_iter().enumerate().for_each(|(slot, value)| out[grid.index(slot)] = value);
-    out
+    grid.by_point(&pointwise::within(&grid, radius_mm))
 }
 
 /// CPU time of this process, ms.
@@ -172,7 +166,7 @@ fn linear(dir: &Path, cloud: &[Point3<f32>], radius_mm: f32) {
     drop(grid);
     let normals = || {
         let grid = Grid::new(cloud, radius_mm);
-        in_order(&grid, pointwise::within(&grid, radius_mm))
+        grid.by_point(&pointwise::within(&grid, radius_mm))
     };
     stage("normals", points, normals, |found| json!({ "plate_error_deg": plate_error_deg(cloud, found) }));
     let normals = vec![Vector3::z(); points];

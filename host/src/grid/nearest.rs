@@ -55,7 +55,7 @@ impl Grid {
 
     /// Squared distances of eight slots from `q`; those beyond the last are of no point.
     #[inline(always)]
-    fn squared_distances(&self, slot: usize, [x, y, z]: &[f32x8; 3]) -> f32x8 {
+    pub(crate) fn squared_distances(&self, slot: usize, [x, y, z]: &[f32x8; 3]) -> f32x8 {
         let eight = |column: &[f32]| match column[slot..].first_chunk::<LANES>() {
             Some(eight) => f32x8::new(*eight),
             None => f32x8::ZERO,

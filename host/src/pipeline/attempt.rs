@@ -5,7 +5,7 @@ use crate::cloud::{Merged, PointCloud, View};
 use crate::downsampling::{self, Scale, Voxels};
 use crate::grid::Grid;
 use crate::reconstruction::Registration;
-use crate::seam::{self, Found, Input, Seam, Trial};
+use crate::seam::{self, Found, Input, Seam, Trial, edges};
 use crate::{denoising, orientation};
 
 /// Registered views, in which seams are sought.
@@ -62,10 +62,18 @@ impl Scan<'_> {
             clock.time("downsampling", || downsampling::voxel_grid(self.merged, scale.edge_mm, scale.least));
         observer.stage("denoising");
         let sides_unknown = !self.views.iter().all(View::tells_sides);
-        // The filter moves points along their normals, whichever way these face: it need not wait to be told.
+        // The filter moves points along their normals, whichever way these face: neither it nor what follows from places alone
+        // need wait to be told.
         let turned = || sides_unknown.then(|| orientation::propagated(&voxels));
-        let filtered = || denoising::bilateral(&voxels.cloud, &scale.bilateral());
-        let (turned, mut model) = clock.time("denoising", || rayon::join(turned, filtered));
+        let filtered = || {
+            let model = denoising::bilateral(&voxels.cloud, &scale.bilateral());
+            let reach_mm = seam::INDEX_VOXELS * voxels.edge_mm;
+            let index = Grid::new(&model.points_mm, reach_mm);
+            let asymmetries = edges::asymmetries(&index, reach_mm);
+            (model, index, asymmetries)
+        };
+        let (turned, (mut model, index, asymmetries)) =
+            clock.time("denoising", || rayon::join(turned, filtered));
         if let Some(normals) = turned {
             model.normals.clone_from(&normals);
             voxels.turn(normals);
@@ -78,14 +86,13 @@ impl Scan<'_> {
             return Err(no_seam(reason));
         }
         observer.stage("seam");
-        let cell_mm = seam::INDEX_VOXELS * voxels.edge_mm;
-        let index = clock.time("index", || Grid::new(&model.points_mm, cell_mm));
         let input = Input {
             merged: self.merged,
             raw: self.raw,
             voxels: &voxels,
             model: &model,
             index: &index,
+            asymmetries: &asymmetries,
             registration: Some(self.registration),
             names: self.views.iter().map(|view| view.name.as_str()).collect(),
             cameras_known: self.cameras_known(),

@@ -107,7 +107,7 @@ impl Pair {
     fn new(source: &PointCloud, target: &PointCloud, guess: &Isometry3<f64>) -> Self {
         let (source_middle_mm, source) = about_middle(source, SOURCE_CELL_SPACINGS);
         let (target_middle_mm, grid) = about_middle(target, TARGET_CELL_SPACINGS);
-        let normals = (0..grid.len()).map(|slot| target.normals[grid.index(slot)]).collect();
+        let normals = grid.by_slot(&target.normals);
         let motion = Translation3::from(-target_middle_mm.coords)
             * guess
             * Translation3::from(source_middle_mm.coords);

@@ -127,7 +127,7 @@ fn cameras_mm(merged: &Merged) -> Vec<Point3<f64>> {
 /// Distances from a sample of the first view's points to the nearest distinct one.
 fn spacings_mm(merged: &Merged, index: &Grid, edge_mm: f32) -> Vec<f32> {
     let is_first = |i: usize| merged.view[i] == 0;
-    let of_first: Vec<usize> = (0..merged.points_mm.len()).filter(|&i| is_first(i)).collect();
+    let of_first: Vec<usize> = (0..merged.points_mm.len()).into_par_iter().filter(|&i| is_first(i)).collect();
     let nearest_mm = |k: usize| {
         let point = &merged.points_mm[of_first[k]];
         let other = |slot: usize| is_first(index.index(slot)) && index.point(slot) != *point;

@@ -7,6 +7,7 @@ use rayon::prelude::*;
 
 use super::Error;
 use super::units::Unit;
+use crate::grid::rows::SHARE;
 
 /// Coordinates in the precision of the file, so that a cloud far from the origin keeps what the file knew.
 #[derive(Debug, Clone, PartialEq)]
@@ -128,16 +129,17 @@ impl Raw {
 }
 
 /// Drops what is no reading and counts it: (not finite, exactly zero).
-fn drop_unusable<T: RealField + Copy>(points: &mut Vec<Point3<T>>) -> (usize, usize) {
+fn drop_unusable<T: RealField + Copy + Sync>(points: &mut Vec<Point3<T>>) -> (usize, usize) {
     let farthest = nalgebra::convert(FARTHEST);
     // False for NaN, too.
     let usable = |p: &Point3<T>| (p.x.abs() <= farthest) & (p.y.abs() <= farthest) & (p.z.abs() <= farthest);
     let zero = |p: &Point3<T>| (p.x == T::zero()) & (p.y == T::zero()) & (p.z == T::zero());
-    let (mut unusable, mut zeros) = (0, 0);
-    for p in points.iter() {
-        unusable += usize::from(!usable(p));
-        zeros += usize::from(zero(p));
-    }
+    let count = |share: &[Point3<T>]| {
+        let both = |(a, b), p| (a + usize::from(!usable(p)), b + usize::from(zero(p)));
+        share.iter().fold((0, 0), both)
+    };
+    let (unusable, mut zeros) =
+        points.par_chunks(SHARE).map(count).reduce(|| (0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
     if zeros < 2 {
         zeros = 0;
     }

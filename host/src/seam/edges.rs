@@ -4,7 +4,6 @@
 //! flat noise for edges; and the sign of the asymmetry, which tells an inside corner from an outside one. A test holds
 //! every step to core's functions; a neighbourhood here has no capacity, and no least number of points.
 
-use crate::cloud::PointCloud;
 use crate::downsampling::Voxels;
 use crate::grid::Grid;
 use crate::grid::lanes::exp;
@@ -29,12 +28,11 @@ pub struct Scores {
     pub gate: f32,
 }
 
-/// Scores every point of the denoised `model` within balls of `radius_mm`; `grid` indexes the model's points.
-pub fn score(voxels: &Voxels, model: &PointCloud, grid: &Grid, radius_mm: f32) -> Scores {
-    debug_assert_eq!(voxels.cloud.len(), model.len());
-    let shifts = asymmetries(grid, radius_mm);
+/// Scores every point of the denoised model by its [`asymmetries`]; `grid` indexes the model's points.
+pub fn score(voxels: &Voxels, grid: &Grid, asymmetries: &[Vector3<f32>]) -> Scores {
+    debug_assert_eq!(voxels.cloud.len(), asymmetries.len());
     let mut scores = Scores { intensity: vec![0.0; grid.len()], concavity: vec![0.0; grid.len()], gate: 0.0 };
-    for (slot, shift) in shifts.into_iter().enumerate() {
+    for (slot, shift) in asymmetries.iter().enumerate() {
         let k = grid.index(slot);
         scores.intensity[k] = shift.norm();
         scores.concavity[k] = shift.dot(&voxels.toward_camera[k]);

@@ -9,7 +9,7 @@ use weldpath_core::seam::{RatioThreshold, Tensor};
 
 /// Every point whose `Tr³/Det` reaches the threshold, as one seam.
 pub fn find(input: &Input, ratio_threshold: f64) -> Found {
-    let Input { voxels, model, index, .. } = *input;
+    let Input { voxels, model, index, asymmetries, .. } = *input;
     let Some(threshold) = RatioThreshold::new(ratio_threshold as f32) else {
         let reason =
             format!("t = {ratio_threshold} marks everything; it must exceed {}", RatioThreshold::FLOOR);
@@ -45,7 +45,7 @@ pub fn find(input: &Input, ratio_threshold: f64) -> Found {
         dimensions: vec![],
         warnings: vec!["the paper's method, for comparison only: do not weld this".into()],
     };
-    let intensity = edges::score(voxels, model, index, INDEX_VOXELS * voxels.edge_mm).intensity;
+    let intensity = edges::score(voxels, index, asymmetries).intensity;
     Found { seams: vec![seam], intensity, ..Found::default() }
 }
 
@@ -61,10 +61,7 @@ pub fn tensors(model: &PointCloud, voxel_mm: f32) -> Vec<Tensor> {
     let grid = Grid::new(&model.points_mm, radius_mm);
     let intensities: Vec<f32> = edges::asymmetries(&grid, radius_mm).iter().map(Vector3::norm).collect();
     let gradients = edges::gradients(&grid, radius_mm, &intensities);
-    let by_slot = edges::tensors(&grid, radius_mm, &gradients);
-    let mut tensors = vec![Tensor::default(); grid.len()];
-    by_slot.into_iter().enumerate().for_each(|(slot, t)| tensors[grid.index(slot)] = t);
-    tensors
+    grid.by_point(&edges::tensors(&grid, radius_mm, &gradients))
 }
 
 fn any_across(normal: &Vector3<f64>) -> Vector3<f64> {

@@ -89,7 +89,7 @@ pub fn near_path(raw: &Grid, frames: &[Frame], reach_mm: f32) -> Vec<u32> {
         near.map(|slot| raw.index(slot) as u32)
     };
     let cells: Vec<_> = raw.occupied().map(|(_, slots)| slots).collect();
-    let mut near: Vec<u32> = cells.into_par_iter().with_min_len(256).flat_map_iter(of_cell).collect();
+    let mut near: Vec<u32> = cells.into_par_iter().with_max_len(256).flat_map_iter(of_cell).collect();
     near.par_sort_unstable();
     near
 }
