@@ -103,7 +103,7 @@ pub(super) fn even_sample(count: usize, most: usize) -> impl Iterator<Item = usi
 
 fn raw_samples(picks: &[usize], merged: &Merged, model: &[Sample], edge_mm: f32) -> Vec<Sample> {
     let points: Vec<Point3<f32>> = model.iter().map(|s| s.position_mm).collect();
-    let grid = Grid::new(&points, edge_mm);
+    let grid = Grid::new(&points, 2.0 * edge_mm);
     let sample = |&i: &usize| {
         let position_mm = merged.points_mm[i];
         let near = grid.nearest(&position_mm, NEAR_VOXELS * edge_mm, |_| true);

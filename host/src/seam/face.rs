@@ -85,7 +85,8 @@ impl Equations {
 #[derive(Debug, Default)]
 pub struct Scratch {
     misses: Vec<f64>,
-    sorted: Vec<f64>,
+    /// Their bits, which are ordered as numbers are that are 0 or more.
+    sorted: Vec<u64>,
 }
 
 /// A robust solution of four terms: their coefficients, the inverse of the last equations, their weight, and the noise.
@@ -129,8 +130,9 @@ impl Scratch {
             for (s, miss) in samples.iter().zip(&mut *misses) {
                 *miss = (height(s) - row(s).dot(&solved)).abs();
             }
-            sorted.clone_from(misses);
-            let sigma = (1.4826 * crate::normals::median(sorted)).max(LEAST_SIGMA_MM);
+            sorted.clear();
+            sorted.extend(misses.iter().map(|miss| miss.to_bits()));
+            let sigma = (1.4826 * f64::from_bits(crate::normals::median(sorted))).max(LEAST_SIGMA_MM);
             limit = 4.0 * sigma;
             solution = Some(Solution { x, inverse, weight, sigma });
         }

@@ -351,20 +351,15 @@ impl Section {
     }
 
     /// Points of a face within the window about `s`, with their distance along the seam from it.
-    fn window(&self, face: usize, s: f32) -> Vec<(&Beside, f32)> {
+    fn window(&self, face: usize, s: f32) -> impl Iterator<Item = (&Beside, f32)> {
         let points = &self.points[face];
-        let range = |low: f32, high: f32| {
-            let from = points.partition_point(|p| p.s <= low);
-            let to = points.partition_point(|p| p.s < high);
-            points[from..to.max(from)].iter()
+        let about = move |shift: f32| {
+            let from = points.partition_point(|p| p.s <= s + shift - self.half_mm);
+            let to = points.partition_point(|p| p.s < s + shift + self.half_mm);
+            points[from..to.max(from)].iter().map(move |p| (p, p.s - shift - s))
         };
-        let mut found: Vec<_> = range(s - self.half_mm, s + self.half_mm).map(|p| (p, p.s - s)).collect();
-        if self.closed {
-            let l = self.length_mm;
-            found.extend(range(s - l - self.half_mm, s - l + self.half_mm).map(|p| (p, p.s + l - s)));
-            found.extend(range(s + l - self.half_mm, s + l + self.half_mm).map(|p| (p, p.s - l - s)));
-        }
-        found
+        let round = if self.closed { &[0.0, -1.0, 1.0][..] } else { &[0.0] };
+        round.iter().flat_map(move |turn| about(turn * self.length_mm))
     }
 
     pub(super) fn samples(&self, face: usize, s: f32) -> Vec<Sample> {
@@ -376,7 +371,7 @@ impl Section {
             let seen = f64::from(p.incidence_cos * 2.0).min(1.0);
             Sample { d, u: f64::from(p.u), h: f64::from(p.h), w: (taper * taper + 1e-3) * seen }
         };
-        self.window(face, s).into_iter().map(sample).collect()
+        self.window(face, s).map(sample).collect()
     }
 
     /// Curvature across the seam per station, smoothed along it and dropped where it is not significant.
@@ -394,17 +389,22 @@ impl Section {
             return vec![0.0; n];
         }
         let width = BEND_WIDTH * f64::from(self.half_mm);
+        // By how far one station is beyond the other, from `1 - n` on.
+        let falloff: Vec<f64> = (1..2 * n)
+            .map(|beyond| {
+                let mut d = (beyond as f64 - n as f64) * f64::from(path.step_mm);
+                if self.closed {
+                    let l = f64::from(self.length_mm);
+                    d = (d + 1.5 * l).rem_euclid(l) - 0.5 * l;
+                }
+                (-0.5 * (d / width).powi(2)).exp()
+            })
+            .collect();
         let smooth: Vec<f64> = (0..n)
             .map(|k| {
                 let (mut sum, mut weights) = (0.0, 0.0);
-                for (j, value) in raw.iter().enumerate() {
+                for (value, w) in raw.iter().zip(&falloff[n - 1 - k..]) {
                     let Some(value) = value else { continue };
-                    let mut d = (j as f64 - k as f64) * f64::from(path.step_mm);
-                    if self.closed {
-                        let l = f64::from(self.length_mm);
-                        d = (d + 1.5 * l).rem_euclid(l) - 0.5 * l;
-                    }
-                    let w = (-0.5 * (d / width).powi(2)).exp();
                     sum += w * value;
                     weights += w;
                 }

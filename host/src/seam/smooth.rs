@@ -5,6 +5,7 @@
 //! leaving out single stations would choose curves that follow the noise.
 
 use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
 
 /// Stiffness candidates, mm³ per unit weight, softest first; the last is a straight line in practice.
 const STIFFNESS: [f64; 8] = [1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e9, 1e11];
@@ -87,7 +88,7 @@ impl<const D: usize> Samples<'_, D> {
         } else {
             splines(false).chain(shaped).chain(splines(true)).collect()
         };
-        let misses: Vec<Vec<Miss>> = curves.iter().map(|&c| self.misses(c, fitting)).collect();
+        let misses: Vec<Vec<Miss>> = curves.par_iter().map(|&c| self.misses(c, fitting)).collect();
         // Large misses are outliers, not evidence; one bound for all, or soft curves would hide theirs.
         let middle =
             |m: &Vec<Miss>| crate::normals::median(&mut m.iter().map(|x| x.squared).collect::<Vec<_>>());

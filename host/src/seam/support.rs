@@ -3,6 +3,7 @@
 //! Where a plate lies on the table, its edge makes a true inside corner that nobody welds; only knowing the table tells
 //! it apart. The support is the largest plane that has (almost) nothing behind it.
 
+use crate::cloud::PointCloud;
 use crate::downsampling::Voxels;
 use crate::normals::Moments;
 use nalgebra::{Matrix2, Point3, Vector2, Vector3};
@@ -76,9 +77,10 @@ fn along(voxels: &Voxels, direction: &Vector3<f32>) -> Option<Support> {
     let mut normal = *direction;
     let mut found = None;
     for _ in 0..3 {
-        let facing = |k: usize| voxels.cloud.normals[k].dot(&normal) > 0.9;
-        let height = |k: usize| normal.dot(&voxels.cloud.points_mm[k].coords);
-        let heights: Vec<f32> = (0..voxels.cloud.len()).filter(|&k| facing(k)).map(height).collect();
+        let PointCloud { points_mm, normals, .. } = &voxels.cloud;
+        let facing = points_mm.iter().zip(normals).filter(|(_, n)| n.dot(&normal) > 0.9);
+        let facing: Vec<Vector3<f32>> = facing.map(|(p, _)| p.coords).collect();
+        let heights: Vec<f32> = facing.iter().map(|p| normal.dot(p)).collect();
         let (low, high) = heights.iter().fold((f32::MAX, f32::MIN), |(l, h), &v| (l.min(v), h.max(v)));
         if heights.is_empty() || high - low > 1e6 * bin_mm {
             return None;
@@ -91,8 +93,7 @@ fn along(voxels: &Voxels, direction: &Vector3<f32>) -> Option<Support> {
         let middle = low + (best + 1) as f32 * bin_mm;
         let fitted = |axis: &Vector3<f32>, middle: f32, within: f32| {
             let mut moments = Moments::default();
-            for k in (0..voxels.cloud.len()).filter(|&k| facing(k)) {
-                let p = &voxels.cloud.points_mm[k].coords;
+            for p in &facing {
                 if (axis.dot(p) - middle).abs() < within {
                     moments.add(p - axis * middle);
                 }
