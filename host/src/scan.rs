@@ -149,6 +149,9 @@ pub fn read(input: &Path, options: &Options) -> Result<Scan, Error> {
     if input.is_dir() {
         return trajectory::read_folder(input, options);
     }
+    if let Some(raw) = fast::read(input) {
+        return single(raw, input, options);
+    }
     let bytes = read_file(input)?;
     if kind::of(&bytes, input) == Some(Kind::Json) {
         return manifest::read(input, options);
@@ -178,13 +181,24 @@ pub fn read_bytes(bytes: Vec<u8>, path: &Path, options: &Options) -> Result<Scan
 /// # Errors
 /// As [`read`].
 pub fn points(path: &Path) -> Result<Vec<Point3<f32>>, Error> {
-    let bytes = read_file(path)?;
-    let unknown = || Error::UnknownKind { path: path.into(), help: kind::help(path) };
-    let kind = kind::of(&bytes, path).ok_or_else(unknown)?;
-    Ok(match parse(bytes, kind, path)?.positions {
+    Ok(match parsed(path)?.positions {
         raw::Positions::Single(points) => points,
         raw::Positions::Double(points) => points.iter().map(|p| p.cast()).collect(),
     })
+}
+
+/// The same, and what else the file tells.
+fn parsed(path: &Path) -> Result<Raw, Error> {
+    if let Some(raw) = fast::read(path) {
+        return Ok(raw);
+    }
+    let bytes = read_file(path)?;
+    if bytes.is_empty() {
+        return Err(Error::empty(path, "the file has 0 bytes"));
+    }
+    let unknown = || Error::UnknownKind { path: path.into(), help: kind::help(path) };
+    let kind = kind::of(&bytes, path).ok_or_else(unknown)?;
+    parse(bytes, kind, path)
 }
 
 /// The points of one file, as they stand in it.

@@ -1,18 +1,23 @@
 //! The fast path: little-endian records of one fixed size, as binary PLY and PCD mostly are.
 //!
-//! One pass over the bytes, one allocation, no work per field that is not x, y or z. The headers are read by the
-//! library crates; every other variant of the two formats goes to them as a whole. A test holds both to the same points.
+//! The bytes become points piece by piece, as they are read: no work per field that is not x, y or z, and nothing as large as the
+//! file is held beside its points. The headers are read by the library crates; every other variant of the two formats goes to
+//! them as a whole. A test holds both to the same points.
 
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
 
 use nalgebra::Point3;
-use rayon::prelude::*;
 
-use super::Error;
-use super::raw::Positions;
+use super::kind::{self, Kind};
+use super::raw::{Positions, Raw};
+use super::{Error, pcd, ply};
 
-/// Records that a thread takes at a time.
-const SHARE: usize = 1 << 16;
+/// Bytes in which a header is expected to end.
+const HEAD: usize = 1 << 14;
+/// Bytes that are read at a time: few enough to stay in the caches until they are points.
+const PIECE: usize = 1 << 17;
 
 /// Where x, y and z are in a record.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -57,21 +62,73 @@ pub(super) fn check_count(
     }
 }
 
+/// Where the records of a file begin, how many there are, and what else the header tells.
+pub(super) struct Records {
+    pub layout: Layout,
+    pub count: usize,
+    /// Bytes before the first of them.
+    pub begin: usize,
+    /// Still without points.
+    pub raw: Raw,
+}
+
+/// Reads a file of such records; `None` for any other, and where something is amiss: [`super::parse`] tells what.
+pub(super) fn read(path: &Path) -> Option<Raw> {
+    // Before it is opened: a pipe would make us wait.
+    let length = std::fs::metadata(path).ok().filter(|m| m.is_file())?.len().try_into().ok()?;
+    let mut file = File::open(path).ok()?;
+    let mut head = vec![0; HEAD.min(length)];
+    file.read_exact(&mut head).ok()?;
+    let Records { layout, count, begin, mut raw } = match kind::of(&head, path)? {
+        Kind::Ply => ply::records(&head, length, path),
+        Kind::Pcd => pcd::records(&head, length, path),
+        _ => None,
+    }?;
+    // A header that goes on beyond the head could have another last word.
+    head[..begin].ends_with(b"\n").then_some(())?;
+    file.seek(SeekFrom::Start(begin as u64)).ok()?;
+    raw.positions = layout.none(count);
+    let most = (PIECE / layout.stride).max(1);
+    let mut piece = vec![0; most.min(count) * layout.stride];
+    for first in (0..count).step_by(most) {
+        let piece = &mut piece[..most.min(count - first) * layout.stride];
+        file.read_exact(piece).ok()?;
+        append(&mut raw.positions, piece, layout);
+    }
+    Some(raw)
+}
+
 /// The first `count` records of `data`, which [`check_count`] has seen.
 pub(super) fn positions(data: &[u8], layout: Layout, count: usize) -> Positions {
-    let records = data.par_chunks_exact(layout.stride).take(count).with_min_len(SHARE);
-    let [x, y, z] = layout.offsets;
-    let in_a_row = |width: usize| y == x + width && z == y + width;
-    match layout.width {
-        Width::Single if in_a_row(4) => {
-            Positions::Single(records.map(|r| three_singles(&r[x..x + 12])).collect())
+    let mut positions = layout.none(count);
+    append(&mut positions, &data[..count * layout.stride], layout);
+    positions
+}
+
+impl Layout {
+    /// No positions, and room for `count`.
+    fn none(&self, count: usize) -> Positions {
+        match self.width {
+            Width::Single => Positions::Single(Vec::with_capacity(count)),
+            Width::Double => Positions::Double(Vec::with_capacity(count)),
         }
-        Width::Single => Positions::Single(
-            records.map(|r| Point3::new(single(r, x), single(r, y), single(r, z))).collect(),
-        ),
-        Width::Double => Positions::Double(
-            records.map(|r| Point3::new(double(r, x), double(r, y), double(r, z))).collect(),
-        ),
+    }
+}
+
+/// Adds the points of whole records.
+fn append(to: &mut Positions, data: &[u8], layout: Layout) {
+    let records = data.chunks_exact(layout.stride);
+    let [x, y, z] = layout.offsets;
+    match to {
+        Positions::Single(points) if y == x + 4 && z == y + 4 => {
+            points.extend(records.map(|r| three_singles(&r[x..x + 12])));
+        }
+        Positions::Single(points) => {
+            points.extend(records.map(|r| Point3::new(single(r, x), single(r, y), single(r, z))));
+        }
+        Positions::Double(points) => {
+            points.extend(records.map(|r| Point3::new(double(r, x), double(r, y), double(r, z))));
+        }
     }
 }
 
@@ -108,6 +165,47 @@ mod tests {
         let two = [record.clone(), record].concat();
         let point = Point3::new(1.0, 2.0, 3.0);
         assert_eq!(positions(&two, layout, 2), Positions::Single(vec![point, point]));
+    }
+
+    #[test]
+    fn a_file_gives_the_points_that_its_bytes_give_and_a_short_one_is_left_to_its_reader() {
+        let folder = tempfile::tempdir().unwrap();
+        let points = 3 * PIECE / 15 + 7;
+        let record =
+            |i: usize| [&[1, 2, 3][..], &[i as f32, -0.5, 2e-3].map(f32::to_le_bytes).concat()].concat();
+        let records: Vec<u8> = (0..points).flat_map(record).collect();
+        let property = |name: &str| format!("property {name}\n");
+        let fields =
+            ["uchar r", "uchar g", "uchar b", "float x", "float y", "float z"].map(property).concat();
+        let ply =
+            format!("ply\nformat binary_little_endian 1.0\nelement vertex {points}\n{fields}end_header\n");
+        let pcd = format!(
+            "VERSION .7\nFIELDS _ x y z\nSIZE 1 4 4 4\nTYPE U F F F\nCOUNT 3 1 1 1\nWIDTH {points}\nHEIGHT 1\n\
+             VIEWPOINT 1 2 3 1 0 0 0\nPOINTS {points}\nDATA binary\n"
+        );
+        for (name, header) in [("a.ply", ply), ("a.pcd", pcd)] {
+            let path = folder.path().join(name);
+            let bytes = [header.as_bytes(), &records, b"beyond"].concat();
+            std::fs::write(&path, &bytes).unwrap();
+            let kind = kind::of(&bytes, &path).unwrap();
+            let (file, memory) =
+                (read(&path).unwrap(), super::super::parse(bytes.clone(), kind, &path).unwrap());
+            assert_eq!((file.positions.len(), &file.positions), (points, &memory.positions));
+            assert_eq!((file.viewpoint, file.notes), (memory.viewpoint, memory.notes));
+            std::fs::write(&path, &bytes[..header.len() + records.len() - 1]).unwrap();
+            assert!(read(&path).is_none());
+        }
+    }
+
+    #[test]
+    fn a_header_that_goes_on_beyond_the_head_is_left_to_its_reader() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.pcd");
+        let begin = "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 1\nHEIGHT 1\nPOINTS 1\n";
+        let comment = "#".repeat(HEAD - begin.len() - "\nDATA binary".len());
+        let text = format!("{comment}\n{begin}DATA binary_compressed\n{}", "0".repeat(20));
+        std::fs::write(&path, text).unwrap();
+        assert!(read(&path).is_none());
     }
 
     #[test]

@@ -13,9 +13,7 @@ use serde_json::Value;
 
 use super::depth::{self, Camera};
 use super::units::Unit;
-use super::{
-    Error, Options, Scan, direction, kind, name_of, parse, read_file, transform, translation, view_of,
-};
+use super::{Error, Options, Scan, direction, name_of, parsed, read_file, transform, translation, view_of};
 use crate::cloud::View;
 
 /// Name of the file in its folder.
@@ -277,14 +275,7 @@ impl Job<'_> {
     /// A cloud whose camera stood at `camera_mm` in the cloud's own axes.
     fn cloud(&self, name: &Path, camera_mm: Vector3<f64>) -> Result<Read, Error> {
         let file = self.file(name);
-        let bytes = read_file(&file)?;
-        if bytes.is_empty() {
-            return Err(Error::empty(&file, "the file has 0 bytes"));
-        }
-        let Some(kind) = kind::of(&bytes, &file) else {
-            return Err(Error::UnknownKind { help: kind::help(&file), path: file });
-        };
-        let mut raw = parse(bytes, kind, &file)?;
+        let mut raw = parsed(&file)?;
         raw.triangles.clear();
         if let Some(other) = raw.unit.filter(|unit| *unit != self.unit) {
             raw.notes.push(format!("the file states {}; read as {}", other.name(), self.unit.name()));

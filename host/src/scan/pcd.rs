@@ -10,7 +10,7 @@ use pcd_rs::metas::{DataKind, PcdMeta, Schema, ValueKind};
 use pcd_rs::record::PcdDeserialize;
 
 use super::Error;
-use super::fast::{self, Layout, Width};
+use super::fast::{self, Layout, Records, Width};
 use super::raw::{Positions, Raw};
 
 /// LZF writes at most 264 bytes for 3: nothing grows by more.
@@ -27,8 +27,23 @@ pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<Raw, Error> {
         (DataKind::Binary, Some(layout)) => fast::positions(data, layout, count),
         _ => by_library(bytes, bytes.len() - data.len(), &columns, count, path)?,
     };
-    let mut raw = Raw::from(positions);
-    raw.viewpoint = viewpoint(&meta, path)?;
+    described(positions, &meta, path)
+}
+
+/// The records of a file of `length` bytes that begins with `head`; `None` where the fast path does not take it.
+pub(super) fn records(head: &[u8], length: usize, path: &Path) -> Option<Records> {
+    let mut data = head;
+    let meta = PcdMeta::from_reader(&mut data).ok().filter(|meta| meta.data == DataKind::Binary)?;
+    let begin = head.len() - data.len();
+    let columns = Columns::of(&meta.field_defs, path).ok()?;
+    let count = check_binary(&meta, &columns, length - begin, path).ok().filter(|count| *count > 0)?;
+    let raw = described(Positions::Single(Vec::new()), &meta, path).ok()?;
+    Some(Records { layout: columns.layout?, count, begin, raw })
+}
+
+/// The points and what else the header tells.
+fn described(positions: Positions, meta: &PcdMeta, path: &Path) -> Result<Raw, Error> {
+    let mut raw = Raw { viewpoint: viewpoint(meta, path)?, ..Raw::from(positions) };
     if meta.width.checked_mul(meta.height) != Some(meta.num_points) {
         raw.notes.push(format!(
             "POINTS {} differs from WIDTH {} x HEIGHT {}; POINTS is used",
@@ -92,7 +107,7 @@ const EXPORT: &str = "Export the cloud again with the fields x y z";
 fn check_size(meta: &PcdMeta, columns: &Columns, data: &[u8], path: &Path) -> Result<usize, Error> {
     let claimed = meta.num_points;
     match meta.data {
-        DataKind::Binary => fast::check_count(claimed, columns.record, data.len(), "points", "POINTS", path),
+        DataKind::Binary => check_binary(meta, columns, data.len(), path),
         // A digit and a separator for each number; the last line may lack its separator.
         DataKind::Ascii => fast::check_count(
             claimed,
@@ -104,6 +119,10 @@ fn check_size(meta: &PcdMeta, columns: &Columns, data: &[u8], path: &Path) -> Re
         ),
         DataKind::BinaryCompressed => check_compressed(claimed, columns.record, data, path),
     }
+}
+
+fn check_binary(meta: &PcdMeta, columns: &Columns, available: usize, path: &Path) -> Result<usize, Error> {
+    fast::check_count(meta.num_points, columns.record, available, "points", "POINTS", path)
 }
 
 /// The two sizes before the compressed block, which the library trusts.

@@ -12,7 +12,7 @@ use ply_rs_bw::ply::{
 };
 
 use super::Error;
-use super::fast::{self, Layout, Width};
+use super::fast::{self, Layout, Records, Width};
 use super::mesh;
 use super::raw::{Positions, Raw};
 use super::units::Unit;
@@ -22,23 +22,52 @@ const CUT_OFF: &str = "The file is cut off or damaged here: copy or export it ag
 
 /// Reads a PLY file.
 pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<Raw, Error> {
-    let mut reader = Reader::new(bytes);
-    let header = Parser::<Row>::new().read_header(&mut reader).map_err(|e| damaged(&e, "header", path))?;
-    let header_lines = reader.line().saturating_sub(1);
-    let data = reader.into_inner();
-    check_names(&header, &bytes[..bytes.len() - data.len()], path)?;
-    check_elements(&header, data.len(), path)?;
-    let vertex = vertex_of(&header, path)?;
-    let faces = header.elements.get("face").filter(|face| face.count > 0 && indices_of(face).is_some());
-    let mut raw = match (fast_layout(&header, vertex), faces) {
-        (Some(layout), None) => Raw::from(fast::positions(data, layout, vertex.count)),
-        _ if header.encoding == Encoding::Ascii => {
-            from_rows(&ascii_rows(data, header_lines, &header, path)?, path)?
+    let Begin { header, lines, bytes: begin, points, layout } = Begin::of(bytes, bytes.len(), path)?;
+    let data = &bytes[begin..];
+    let raw = match layout {
+        Some(layout) => Raw::from(fast::positions(data, layout, points)),
+        None if header.encoding == Encoding::Ascii => {
+            from_rows(&ascii_rows(data, lines, &header, path)?, path)?
         }
-        _ => from_rows(&binary_rows(data, &header, path)?, path)?,
+        None => from_rows(&binary_rows(data, &header, path)?, path)?,
     };
-    raw.unit = stated_unit(&header);
-    Ok(raw)
+    Ok(Raw { unit: stated_unit(&header), ..raw })
+}
+
+/// The records of a file of `length` bytes that begins with `head`; `None` where the fast path does not take it.
+pub(super) fn records(head: &[u8], length: usize, path: &Path) -> Option<Records> {
+    let Begin { header, bytes: begin, points: count, layout, .. } = Begin::of(head, length, path).ok()?;
+    let raw = Raw { unit: stated_unit(&header), ..Raw::from(Positions::Single(Vec::new())) };
+    Some(Records { layout: layout?, count, begin, raw })
+}
+
+/// A header that was held against the size of its file.
+struct Begin {
+    header: Header,
+    /// Its lines and bytes.
+    lines: usize,
+    bytes: usize,
+    /// Vertices.
+    points: usize,
+    /// For the fast path, which takes clouds of records of one size.
+    layout: Option<Layout>,
+}
+
+impl Begin {
+    fn of(head: &[u8], length: usize, path: &Path) -> Result<Self, Error> {
+        let mut reader = Reader::new(head);
+        let header =
+            Parser::<Row>::new().read_header(&mut reader).map_err(|e| damaged(&e, "header", path))?;
+        let lines = reader.line().saturating_sub(1);
+        let bytes = head.len() - reader.into_inner().len();
+        check_names(&header, &head[..bytes], path)?;
+        check_elements(&header, length - bytes, path)?;
+        let vertex = vertex_of(&header, path)?;
+        let faces = header.elements.get("face").filter(|face| face.count > 0 && indices_of(face).is_some());
+        let layout = fast_layout(&header, vertex).filter(|_| faces.is_none());
+        let points = vertex.count;
+        Ok(Self { header, lines, bytes, points, layout })
+    }
 }
 
 fn vertex_of<'a>(header: &'a Header, path: &Path) -> Result<&'a ElementDef, Error> {
