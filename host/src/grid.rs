@@ -101,6 +101,11 @@ impl Grid {
         })
     }
 
+    /// The slots of each entry, in slot order; of an empty one, none.
+    pub fn cells(&self) -> impl IndexedParallelIterator<Item = Range<usize>> + '_ {
+        self.start.par_windows(2).map(|ends| ends[0] as usize..ends[1] as usize)
+    }
+
     /// Calls `visit` with runs of slots that hold every point within `radius_mm` of `q`, and others near it.
     #[inline]
     pub fn runs(&self, q: &Point3<f32>, radius_mm: f32, visit: impl FnMut(Range<usize>)) {

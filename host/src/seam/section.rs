@@ -88,8 +88,7 @@ pub fn near_path(raw: &Grid, frames: &[Frame], reach_mm: f32) -> Vec<u32> {
         let near = (if none { 0..0 } else { slots }).filter(move |&slot| all || is_near(slot, reach_mm));
         near.map(|slot| raw.index(slot) as u32)
     };
-    let cells: Vec<_> = raw.occupied().map(|(_, slots)| slots).collect();
-    let mut near: Vec<u32> = cells.into_par_iter().with_max_len(256).flat_map_iter(of_cell).collect();
+    let mut near: Vec<u32> = raw.cells().with_max_len(1024).flat_map_iter(of_cell).collect();
     near.par_sort_unstable();
     near
 }

@@ -82,8 +82,9 @@ pub(super) fn smoothed(
     let shares: Vec<[Vec<f32>; 2]> = (0..frames.len())
         .map(|k| {
             let old = (k * kept.len() / frames.len()).min(kept.len() - 1);
-            let near = (0..kept.len()).filter(|&j| kept[j].is_some()).min_by_key(|&j| j.abs_diff(old));
-            near.and_then(|j| kept[j].as_ref()).map(|s| s.view_share.clone()).unwrap_or_default()
+            let beside = |by: usize| old.checked_sub(by).into_iter().chain([old + by]);
+            let near = (0..kept.len()).flat_map(beside).find_map(|j| kept.get(j)?.as_ref());
+            near.map(|s| s.view_share.clone()).unwrap_or_default()
         })
         .collect();
     let measured =
