@@ -7,7 +7,7 @@ use std::path::Path;
 
 use proptest::prelude::*;
 use proptest::sample::Index;
-use weldpath::scan::{self, Options, Scan, Units};
+use weldpath::scan::{self, Error, Options, Scan, Units};
 
 const XYZ: [[f32; 3]; 4] = [[0.1, 0.2, 0.5], [0.3, -0.2, 0.6], [-0.1, 0.05, 0.7], [0.0, 0.1, 0.55]];
 
@@ -208,6 +208,36 @@ proptest! {
         if let (Some(before), Some(after)) = (before, peak_kb()) {
             prop_assert!(after - before < 500_000, "{name} took {} kB", after - before);
         }
+    }
+}
+
+/// What a scan holds and says, or why it was refused.
+fn told(scan: Result<Scan, Error>) -> Result<(Vec<[u32; 3]>, Vec<String>), String> {
+    let Scan { views, notes, .. } = scan.map_err(|error| error.to_string())?;
+    let bits = views.iter().flat_map(|view| &view.points_mm).map(|p| [p.x, p.y, p.z].map(f32::to_bits));
+    Ok((bits.collect(), notes))
+}
+
+proptest! {
+    #![proptest_config(config(1000))]
+
+    #[test]
+    fn a_damaged_file_read_piece_by_piece_tells_what_its_bytes_tell(
+        which in any::<Index>(),
+        damages in prop::collection::vec(damage(), 0..3),
+    ) {
+        let in_pieces = |name: &str| name.ends_with(".ply") || name.ends_with(".pcd");
+        let seeds: Vec<_> = seeds_once().iter().filter(|(name, _)| in_pieces(name)).collect();
+        let (name, bytes) = seeds[which.index(seeds.len())];
+        let mut bytes = bytes.clone();
+        damages.iter().for_each(|damage| apply(&mut bytes, damage));
+        // A scan.json under any name is read with the files beside it, or not at all.
+        prop_assume!(!bytes.trim_ascii_start().starts_with(b"{"));
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(name);
+        std::fs::write(&path, &bytes).unwrap();
+        let options = Options::default();
+        prop_assert_eq!(told(scan::read(&path, &options)), told(scan::read_bytes(bytes, &path, &options)));
     }
 }
 
