@@ -44,27 +44,35 @@ def plan(binary, cloud, threads, out):
     return used.ru_utime + used.ru_stime, time.perf_counter() - begin, used.ru_maxrss * 1024, status == 0
 
 
-def measure(own, binary, points, rounds, idle):
-    cpu, wall, peak = {}, {}, []
+def measure(own, binary, sizes, rounds):
+    """Rows of the table. The sizes take turns: what they cost changes by more from minute to minute than from size to size."""
+    cpu, wall, peak = {}, {}, {}
     with tempfile.TemporaryDirectory() as folder:
-        subprocess.run([own, "write", folder, str(points)], check=True)
-        for _ in range(rounds):
-            for threads in (1, 2):
-                for stage, cpu_s, wall_s in stages(own, folder, threads):
-                    cpu.setdefault((stage, threads), []).extend(cpu_s)
-                    wall.setdefault((stage, threads), []).extend(wall_s)
-                cpu_s, wall_s, held, found = plan(binary, f"{folder}/butt.ply", threads, f"{folder}/out")
-                if not found:
-                    continue
-                cpu.setdefault((PLAN, threads), []).append(cpu_s)
-                wall.setdefault((PLAN, threads), []).append(wall_s)
-                peak += [held] if threads == 1 else []
-    for stage, threads in cpu:
-        held = (statistics.median(peak) - idle) / points if (stage, threads) == (PLAN, 1) else None
+        for points in sizes:
+            os.mkdir(f"{folder}/{points}")
+            subprocess.run([own, "write", f"{folder}/{points}", str(points)], check=True)
+        for turn in range(rounds):
+            # Ten million points take a minute, and vary less.
+            for points in (n for n in sizes if n < 10**7 or turn == 0):
+                for threads in (1, 2):
+                    for stage, cpu_s, wall_s in stages(own, f"{folder}/{points}", threads):
+                        cpu.setdefault((points, stage, threads), []).extend(cpu_s)
+                        wall.setdefault((points, stage, threads), []).extend(wall_s)
+                    cpu_s, wall_s, held, found = plan(binary, f"{folder}/{points}/butt.ply", threads, f"{folder}/out")
+                    if not found:
+                        continue
+                    cpu.setdefault((points, PLAN, threads), []).append(cpu_s)
+                    wall.setdefault((points, PLAN, threads), []).append(wall_s)
+                    peak.setdefault((points, PLAN, threads), []).append(held)
+            print(f"round {turn + 1} of {rounds}, load {os.getloadavg()[0]:.1f}", flush=True)
+    idle = idle_bytes(own, binary)
+    for key in sorted(cpu, key=lambda key: key[0]):
+        points, stage, threads = key
+        held = (statistics.median(peak[key]) - idle) / points if key in peak and threads == 1 else None
         yield dict(
             stage=stage, points=points, threads=threads,
-            cpu_ns_per_point=round(1e9 * statistics.median(cpu[stage, threads]) / points, 1),
-            wall_ns_per_point=round(1e9 * min(wall[stage, threads]) / points, 1),
+            cpu_ns_per_point=round(1e9 * statistics.median(cpu[key]) / points, 1),
+            wall_ns_per_point=round(1e9 * min(wall[key]) / points, 1),
             peak_bytes_per_point="" if held is None else round(held, 1),
         )
 
@@ -144,11 +152,8 @@ def main():
     if not options.draw:
         programs = own_programs()
         own, binary = programs["peers"], programs["weldpath"]
-        idle, rows = idle_bytes(own, binary), []
-        for points in (10**k for k in range(4, 9) if 10**k <= options.most):
-            # Ten million points take a minute, and vary less.
-            rows += measure(own, binary, points, options.rounds if points < 10**7 else 1, idle)
-            print(f"{points} points, load {os.getloadavg()[0]:.1f}", flush=True)
+        sizes = [10**k for k in range(4, 9) if 10**k <= options.most]
+        rows = list(measure(own, binary, sizes, options.rounds))
         with data.open("w", newline="") as file:
             writer = csv.DictWriter(file, rows[0], lineterminator="\n")
             writer.writeheader()
