@@ -197,7 +197,8 @@ fn in_cells(view: &View, spacing_mm: f32, cell_mm: f32, config: &Config) -> (Pat
     (patches, fitted)
 }
 
-/// Mean distance from a point to its nearest distinct neighbour, mm, from an even sample of the cloud; the paper's "average distance".
+/// Mean distance from a point to its nearest distinct neighbour, mm, from an even sample of the cloud; the paper's
+/// "average distance".
 pub fn mean_spacing_mm(points: &[Point3<f32>]) -> f32 {
     const SAMPLE: usize = 2000;
     if points.len() < 2 {

@@ -76,7 +76,7 @@ impl<'a> Sides<'a> {
     /// Steps from `slot` that are liker than those that wait; others would come too late.
     fn step_on(&mut self, slot: usize, reach_mm: f32) {
         let Self { grid, normals, columns, likeness, from, queue } = self;
-        let (at, own) = (grid.point(slot), &normals[slot]);
+        let (at, own) = (grid.point(slot), normals[slot]);
         let (place, limit) = ([at.x, at.y, at.z].map(f32x8::splat), f32x8::splat(reach_mm * reach_mm));
         grid.runs(&at, reach_mm, |run| {
             for first in run.step_by(LANES) {
@@ -99,7 +99,8 @@ impl<'a> Sides<'a> {
 
 /// Slots to step to: the likest first, and of equal ones the last slot.
 ///
-/// A heap for each class of likeness: few steps are of the best class, and most of the others are never taken, as a liker one comes first.
+/// A heap for each class of likeness: few steps are of the best class, and most of the others are never taken, as a liker
+/// one comes first.
 struct Queue {
     heaps: [BinaryHeap<u64>; CLASSES],
     /// Those before are empty.

@@ -1,8 +1,9 @@
 //! Reads what a camera saw: everything that turns INPUT into [`View`]s in millimetres.
 //!
 //! INPUT is a folder with `scan.json` (or that file), a folder of depth images with a trajectory, or one file:
-//! PLY, PCD, XYZ/CSV, STL, OBJ, a 16-bit depth PNG, or, with the features of these names, E57 and LAS/LAZ. The content decides the kind, the extension only where the
-//! content has no mark of its own. This module is the only place where metres appear: [`Units`] says how they are known.
+//! PLY, PCD, XYZ/CSV, STL, OBJ, a 16-bit depth PNG, or, with the features of these names, E57 and LAS/LAZ. The content
+//! decides the kind, the extension only where the content has no mark of its own. This module is the only place where
+//! metres appear: [`Units`] says how they are known.
 //! Nothing here trusts a count in a header: it is held against the size of the file before anything is allocated.
 
 mod depth;

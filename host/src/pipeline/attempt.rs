@@ -62,8 +62,8 @@ impl Scan<'_> {
             clock.time("downsampling", || downsampling::voxel_grid(self.merged, scale.edge_mm, scale.least));
         observer.stage("denoising");
         let sides_unknown = !self.views.iter().all(View::tells_sides);
-        // The filter moves points along their normals, whichever way these face: neither it nor what follows from places alone
-        // need wait to be told.
+        // The filter moves points along their normals, whichever way these face: neither it nor what follows from places
+        // alone need wait to be told.
         let turned = || sides_unknown.then(|| orientation::propagated(&voxels));
         let filtered = || {
             let model = denoising::bilateral(&voxels.cloud, &scale.bilateral());

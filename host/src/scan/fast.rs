@@ -1,8 +1,8 @@
 //! The fast path: little-endian records of one fixed size, as binary PLY and PCD mostly are.
 //!
-//! The bytes become points piece by piece, as they are read: no work per field that is not x, y or z, and nothing as large as the
-//! file is held beside its points. The headers are read by the library crates; every other variant of the two formats goes to
-//! them as a whole. A test holds both to the same points.
+//! The bytes become points piece by piece, as they are read: no work per field that is not x, y or z, and nothing as
+//! large as the file is held beside its points. The headers are read by the library crates; every other variant of the
+//! two formats goes to them as a whole. A test holds both to the same points.
 
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};

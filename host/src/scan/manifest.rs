@@ -1,8 +1,9 @@
 //! `scan.json`: views with the robot's poses and the hand-eye transform, eq. (1)'s right-hand side.
 //!
-//! Poses are those of the flange in the base, hand-eye that of the camera in the flange, each in any form that [`transform`]
-//! reads, or the inverse under its own name; lengths are in `units`, except for names that end in `_m`. A view is a `depth` image or a `cloud` in the camera's frame, or a cloud with `"frame": "base"` and
-//! `camera_m`. A key that is not known is refused: a misspelt one would be silently ignored otherwise.
+//! Poses are those of the flange in the base, hand-eye that of the camera in the flange, each in any form that
+//! [`transform`] reads, or the inverse under its own name; lengths are in `units`, except for names that end in `_m`. A
+//! view is a `depth` image or a `cloud` in the camera's frame, or a cloud with `"frame": "base"` and `camera_m`. A key
+//! that is not known is refused: a misspelt one would be silently ignored otherwise.
 
 use std::path::{Path, PathBuf};
 
