@@ -126,7 +126,7 @@ pub fn estimate(view: &View, config: &Config) -> Patches {
     let most_mm = COARSEST * cell_mm;
     loop {
         let (patches, fitted) = in_cells(view, spacing_mm, cell_mm, config);
-        if fitted >= f64::from(config.min_fitted) * view.points_mm.len() as f64 || cell_mm >= most_mm {
+        if fitted as f32 >= config.min_fitted * view.points_mm.len() as f32 || cell_mm >= most_mm {
             return patches;
         }
         cell_mm *= 2.0;

@@ -37,7 +37,7 @@ const DONE: f32 = f32::INFINITY;
 struct Sides<'a> {
     grid: &'a Grid,
     normals: Vec<Vector3<f32>>,
-    /// As they were given, column by column.
+    /// As they were given, column by column: how alike two are does not depend on their sides.
     columns: [Vec<f32>; 3],
     /// Of the likest step to each slot so far.
     likeness: Vec<f32>,
@@ -79,6 +79,8 @@ impl<'a> Sides<'a> {
         let (at, own) = (grid.point(slot), normals[slot]);
         let (place, limit) = ([at.x, at.y, at.z].map(f32x8::splat), f32x8::splat(reach_mm * reach_mm));
         grid.runs(&at, reach_mm, |run| {
+            // Beyond the end of a run are points of other cells, for whose distance it does not matter, and beyond the last
+            // slot what counts as turned.
             for first in run.step_by(LANES) {
                 let eight = |column: &[f32]| f32x8::from(&column[first..first + LANES]);
                 let [x, y, z] = columns.each_ref().map(|column| eight(column));
@@ -99,17 +101,18 @@ impl<'a> Sides<'a> {
 
 /// Slots to step to: the likest first, and of equal ones the last slot.
 ///
-/// A heap for each class of likeness: few steps are of the best class, and most of the others are never taken, as a liker
-/// one comes first.
+/// A heap for each class of likeness, and so small ones: most steps wait until a liker one has been taken instead.
 struct Queue {
     heaps: [BinaryHeap<u64>; CLASSES],
     /// Those before are empty.
     best: usize,
+    /// In all of them.
+    held: usize,
 }
 
 impl Default for Queue {
     fn default() -> Self {
-        Self { heaps: [const { BinaryHeap::new() }; CLASSES], best: 0 }
+        Self { heaps: [const { BinaryHeap::new() }; CLASSES], best: 0, held: 0 }
     }
 }
 
@@ -119,20 +122,21 @@ impl Queue {
         let class = class(likeness);
         self.heaps[class].push(u64::from(likeness.to_bits()) << 32 | slot as u64);
         self.best = self.best.min(class);
+        self.held += 1;
     }
 
     fn pop(&mut self) -> Option<usize> {
-        while let Some(heap) = self.heaps.get_mut(self.best) {
-            if let Some(key) = heap.pop() {
+        self.held = self.held.checked_sub(1)?;
+        loop {
+            if let Some(key) = self.heaps.get_mut(self.best)?.pop() {
                 return Some(key as u32 as usize);
             }
             self.best += 1;
         }
-        None
     }
 }
 
-/// For no difference, and eight for each halving of what is missing to 1, which is at least 2^-24.
+/// For no difference, eight for each halving of what is missing to 1, from 2^-24 on, and for likeness 0.
 const CLASSES: usize = 1 + 8 * 24 + 1;
 
 /// 0 for the most alike.
@@ -147,6 +151,28 @@ fn class(likeness: f32) -> usize {
 mod tests {
     use super::*;
     use nalgebra::Point3;
+
+    #[test]
+    fn steps_come_in_the_order_of_one_heap() {
+        let ends = [0.0, 1e-30, 0.5, 1.0 - f32::EPSILON / 2.0, 1.0, 1.0 + f32::EPSILON, 1.0 + 1e-6];
+        let (mut queue, mut heap) = (Queue::default(), BinaryHeap::new());
+        let mut noise = 1u32;
+        for slot in 0..20_000usize {
+            noise = noise.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            let apart = (noise >> 8) as f32 / (1 << 24) as f32;
+            let likeness = if slot % 5 == 0 { ends[slot / 5 % ends.len()] } else { 1.0 - apart.powi(8) };
+            queue.push(likeness, slot);
+            heap.push((likeness.to_bits(), slot));
+            // Now and then more are taken than were put, until none is left.
+            for _ in 0..[0, 1, 0, 3][noise as usize >> 30] {
+                assert_eq!(queue.pop(), heap.pop().map(|(_, slot)| slot));
+            }
+        }
+        while let Some((_, slot)) = heap.pop() {
+            assert_eq!(queue.pop(), Some(slot));
+        }
+        assert_eq!(queue.pop(), None);
+    }
 
     #[test]
     fn the_faces_of_a_step_get_their_air_side() {

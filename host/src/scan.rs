@@ -165,16 +165,19 @@ pub fn read(input: &Path, options: &Options) -> Result<Scan, Error> {
 /// # Errors
 /// As [`read`]; a `scan.json` is refused, since it needs the files beside it.
 pub fn read_bytes(bytes: Vec<u8>, path: &Path, options: &Options) -> Result<Scan, Error> {
+    match kind_of(&bytes, path)? {
+        Kind::Png => depth::read_single(&bytes, path),
+        #[cfg(feature = "e57")]
+        Kind::E57 => e57::read(bytes, path, options),
+        kind => single(parse(bytes, kind, path)?, path, options),
+    }
+}
+
+fn kind_of(bytes: &[u8], path: &Path) -> Result<Kind, Error> {
     if bytes.is_empty() {
         return Err(Error::empty(path, "the file has 0 bytes"));
     }
-    match kind::of(&bytes, path) {
-        Some(Kind::Png) => depth::read_single(&bytes, path),
-        #[cfg(feature = "e57")]
-        Some(Kind::E57) => e57::read(bytes, path, options),
-        Some(kind) => single(parse(bytes, kind, path)?, path, options),
-        None => Err(Error::UnknownKind { path: path.into(), help: kind::help(path) }),
-    }
+    kind::of(bytes, path).ok_or_else(|| Error::UnknownKind { path: path.into(), help: kind::help(path) })
 }
 
 /// The points of a PLY, PCD, XYZ/CSV, STL or OBJ file as they stand in it: its unit, its frame, nothing dropped.
@@ -188,17 +191,13 @@ pub fn points(path: &Path) -> Result<Vec<Point3<f32>>, Error> {
     })
 }
 
-/// The same, and what else the file tells.
+/// What one file tells: its points, as they stand in it, and more.
 fn parsed(path: &Path) -> Result<Raw, Error> {
     if let Some(raw) = fast::read(path) {
         return Ok(raw);
     }
     let bytes = read_file(path)?;
-    if bytes.is_empty() {
-        return Err(Error::empty(path, "the file has 0 bytes"));
-    }
-    let unknown = || Error::UnknownKind { path: path.into(), help: kind::help(path) };
-    let kind = kind::of(&bytes, path).ok_or_else(unknown)?;
+    let kind = kind_of(&bytes, path)?;
     parse(bytes, kind, path)
 }
 

@@ -212,10 +212,24 @@ proptest! {
 }
 
 /// What a scan holds and says, or why it was refused.
-fn told(scan: Result<Scan, Error>) -> Result<(Vec<[u32; 3]>, Vec<String>), String> {
-    let Scan { views, notes, .. } = scan.map_err(|error| error.to_string())?;
+fn told(scan: Result<Scan, Error>) -> Result<impl PartialEq + std::fmt::Debug, String> {
+    let Scan { views, notes, warnings, .. } = scan.map_err(|error| error.to_string())?;
     let bits = views.iter().flat_map(|view| &view.points_mm).map(|p| [p.x, p.y, p.z].map(f32::to_bits));
-    Ok((bits.collect(), notes))
+    let frames = views.iter().map(|view| (view.base_from_camera, view.camera_known));
+    Ok((bits.collect::<Vec<_>>(), frames.collect::<Vec<_>>(), notes, warnings))
+}
+
+/// Files of many pieces, and one whose header is long.
+fn long_seeds() -> Vec<(&'static str, Vec<u8>)> {
+    const POINTS: usize = 9000;
+    let double = |i: usize| [0.25 * i as f64, -0.5, (i % 7) as f64].map(f64::to_le_bytes).concat();
+    let fields = ["y", "x", "z"].map(|axis| format!("property double {axis}\n")).concat();
+    let head = format!("ply\nformat binary_little_endian 1.0\nelement vertex {POINTS}\n{fields}end_header\n");
+    let long = format!("# .PCD\n{}", "# a comment\n".repeat(1400));
+    vec![
+        ("long.ply", [head.into_bytes(), (0..POINTS).flat_map(double).collect()].concat()),
+        ("long.pcd", [long.into_bytes(), pcd("binary", records(false))].concat()),
+    ]
 }
 
 proptest! {
@@ -226,9 +240,10 @@ proptest! {
         which in any::<Index>(),
         damages in prop::collection::vec(damage(), 0..3),
     ) {
-        let in_pieces = |name: &str| name.ends_with(".ply") || name.ends_with(".pcd");
-        let seeds: Vec<_> = seeds_once().iter().filter(|(name, _)| in_pieces(name)).collect();
-        let (name, bytes) = seeds[which.index(seeds.len())];
+        static SEEDS: std::sync::OnceLock<Vec<(&str, Vec<u8>)>> = std::sync::OnceLock::new();
+        let in_pieces = |(name, _): &(&str, _)| name.ends_with(".ply") || name.ends_with(".pcd");
+        let seeds = SEEDS.get_or_init(|| seeds().into_iter().filter(in_pieces).chain(long_seeds()).collect());
+        let (name, bytes) = &seeds[which.index(seeds.len())];
         let mut bytes = bytes.clone();
         damages.iter().for_each(|damage| apply(&mut bytes, damage));
         // A scan.json under any name is read with the files beside it, or not at all.

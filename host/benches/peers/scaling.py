@@ -63,12 +63,13 @@ def measure(own, binary, sizes, rounds):
                         continue
                     cpu.setdefault((points, PLAN, threads), []).append(cpu_s)
                     wall.setdefault((points, PLAN, threads), []).append(wall_s)
-                    peak.setdefault((points, PLAN, threads), []).append(held)
+                    if threads == 1:
+                        peak.setdefault((points, PLAN, threads), []).append(held)
             print(f"round {turn + 1} of {rounds}, load {os.getloadavg()[0]:.1f}", flush=True)
     idle = idle_bytes(own, binary)
     for key in sorted(cpu, key=lambda key: key[0]):
         points, stage, threads = key
-        held = (statistics.median(peak[key]) - idle) / points if key in peak and threads == 1 else None
+        held = (statistics.median(peak[key]) - idle) / points if key in peak else None
         yield dict(
             stage=stage, points=points, threads=threads,
             cpu_ns_per_point=round(1e9 * statistics.median(cpu[key]) / points, 1),

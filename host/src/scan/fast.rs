@@ -84,11 +84,13 @@ pub(super) fn read(path: &Path) -> Option<Raw> {
         Kind::Pcd => pcd::records(&head, length, path),
         _ => None,
     }?;
-    // A header that goes on beyond the head could have another last word.
+    // A line that the head cuts off may go on: `DATA binary` as `DATA binary_compressed`.
     head[..begin].ends_with(b"\n").then_some(())?;
     file.seek(SeekFrom::Start(begin as u64)).ok()?;
-    raw.positions = layout.none(count);
-    let most = (PIECE / layout.stride).max(1);
+    raw.positions = layout.room_for(count)?;
+    let most = PIECE / layout.stride;
+    // Records longer than a piece are nobody's.
+    (most > 0).then_some(())?;
     let mut piece = vec![0; most.min(count) * layout.stride];
     for first in (0..count).step_by(most) {
         let piece = &mut piece[..most.min(count - first) * layout.stride];
@@ -100,18 +102,27 @@ pub(super) fn read(path: &Path) -> Option<Raw> {
 
 /// The first `count` records of `data`, which [`check_count`] has seen.
 pub(super) fn positions(data: &[u8], layout: Layout, count: usize) -> Positions {
-    let mut positions = layout.none(count);
+    let mut positions = layout.none();
     append(&mut positions, &data[..count * layout.stride], layout);
     positions
 }
 
 impl Layout {
-    /// No positions, and room for `count`.
-    fn none(&self, count: usize) -> Positions {
+    fn none(&self) -> Positions {
         match self.width {
-            Width::Single => Positions::Single(Vec::with_capacity(count)),
-            Width::Double => Positions::Double(Vec::with_capacity(count)),
+            Width::Single => Positions::Single(Vec::new()),
+            Width::Double => Positions::Double(Vec::new()),
         }
+    }
+
+    /// No positions yet; `None` where the memory does not hold so many.
+    fn room_for(&self, count: usize) -> Option<Positions> {
+        let mut positions = self.none();
+        match &mut positions {
+            Positions::Single(points) => points.try_reserve_exact(count).ok()?,
+            Positions::Double(points) => points.try_reserve_exact(count).ok()?,
+        }
+        Some(positions)
     }
 }
 
@@ -201,11 +212,19 @@ mod tests {
     fn a_header_that_goes_on_beyond_the_head_is_left_to_its_reader() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.pcd");
-        let begin = "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 1\nHEIGHT 1\nPOINTS 1\n";
-        let comment = "#".repeat(HEAD - begin.len() - "\nDATA binary".len());
-        let text = format!("{comment}\n{begin}DATA binary_compressed\n{}", "0".repeat(20));
-        std::fs::write(&path, text).unwrap();
-        assert!(read(&path).is_none());
+        let fields = "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 1\nHEIGHT 1\nPOINTS 1\n";
+        let last = "DATA binary";
+        let comment = "#".repeat(HEAD - fields.len() - last.len() - 1);
+        for rest in ["_compressed\n", "\n"] {
+            let text = format!("{comment}\n{fields}{last}{rest}{}", "0".repeat(20));
+            // Its head alone could be taken for plain binary.
+            assert!(pcd::records(&text.as_bytes()[..HEAD], text.len(), &path).is_some());
+            std::fs::write(&path, &text).unwrap();
+            assert!(read(&path).is_none());
+            // One byte less, and the line ends within the head.
+            std::fs::write(&path, &text[1..]).unwrap();
+            assert_eq!(read(&path).is_some(), rest == "\n");
+        }
     }
 
     #[test]

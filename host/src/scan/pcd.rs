@@ -36,7 +36,7 @@ pub(super) fn records(head: &[u8], length: usize, path: &Path) -> Option<Records
     let meta = PcdMeta::from_reader(&mut data).ok().filter(|meta| meta.data == DataKind::Binary)?;
     let begin = head.len() - data.len();
     let columns = Columns::of(&meta.field_defs, path).ok()?;
-    let count = check_binary(&meta, &columns, length - begin, path).ok().filter(|count| *count > 0)?;
+    let count = check_binary(&meta, &columns, length - begin, path).ok()?;
     let raw = described(Positions::Single(Vec::new()), &meta, path).ok()?;
     Some(Records { layout: columns.layout?, count, begin, raw })
 }

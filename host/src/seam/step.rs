@@ -43,8 +43,7 @@ const QUANTISED: f32 = 0.02;
 
 /// Corners at the feet of steps in a model whose points are indexed by `grid`.
 pub fn corners(model: &PointCloud, grid: &Grid, voxel_mm: f32, config: &Config) -> Vec<Corner> {
-    let normals: Vec<_> = (0..grid.len()).map(|s| model.normals[grid.index(s)]).collect();
-    let scene = Scene { grid, normals: &normals, voxel_mm, config };
+    let scene = Scene { grid, normals: &grid.by_slot(&model.normals), voxel_mm, config };
     (0..grid.len()).into_par_iter().filter_map(|slot| scene.step(slot)).collect()
 }
 
