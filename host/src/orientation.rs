@@ -79,8 +79,8 @@ impl<'a> Sides<'a> {
         let (at, own) = (grid.point(slot), normals[slot]);
         let (place, limit) = ([at.x, at.y, at.z].map(f32x8::splat), f32x8::splat(reach_mm * reach_mm));
         grid.runs(&at, reach_mm, |run| {
-            // Beyond the end of a run are points of other cells, for whose distance it does not matter, and beyond the last
-            // slot what counts as turned.
+            // Past the end of a run come points of other cells, judged by their distance like all, and past the last slot what
+            // counts as turned.
             for first in run.step_by(LANES) {
                 let eight = |column: &[f32]| f32x8::from(&column[first..first + LANES]);
                 let [x, y, z] = columns.each_ref().map(|column| eight(column));
