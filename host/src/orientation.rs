@@ -5,7 +5,7 @@
 
 use crate::downsampling::Voxels;
 use crate::grid::Grid;
-use crate::grid::lanes::LANES;
+use crate::grid::lanes::{LANES, eight};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 use std::collections::BinaryHeap;
@@ -82,11 +82,10 @@ impl<'a> Sides<'a> {
             // Past the end of a run come points of other cells, judged by their distance like all, and past the last slot what
             // counts as turned.
             for first in run.step_by(LANES) {
-                let eight = |column: &[f32]| f32x8::from(&column[first..first + LANES]);
-                let [x, y, z] = columns.each_ref().map(|column| eight(column));
+                let [x, y, z] = columns.each_ref().map(|column| eight(column, first));
                 let alike = (x * own.x + y * own.y + z * own.z).abs();
-                let better =
-                    alike.simd_gt(eight(likeness)) & grid.squared_distances(first, &place).simd_lt(limit);
+                let better = alike.simd_gt(eight(likeness, first))
+                    & grid.squared_distances(first, &place).simd_lt(limit);
                 let (alike, mut better) = (alike.to_array(), better.to_bitmask());
                 while better != 0 {
                     let lane = better.trailing_zeros() as usize;

@@ -55,16 +55,15 @@ def measure(own, binary, sizes, rounds):
             # Ten million points take a minute, and vary less.
             for points in (n for n in sizes if n < 10**7 or turn == 0):
                 for threads in (1, 2):
-                    for stage, cpu_s, wall_s in stages(own, f"{folder}/{points}", threads):
+                    runs = list(stages(own, f"{folder}/{points}", threads))
+                    cpu_s, wall_s, held, found = plan(binary, f"{folder}/{points}/butt.ply", threads, f"{folder}/out")
+                    if found:
+                        runs.append((PLAN, [cpu_s], [wall_s]))
+                    if found and threads == 1:
+                        peak.setdefault((points, PLAN, threads), []).append(held)
+                    for stage, cpu_s, wall_s in runs:
                         cpu.setdefault((points, stage, threads), []).extend(cpu_s)
                         wall.setdefault((points, stage, threads), []).extend(wall_s)
-                    cpu_s, wall_s, held, found = plan(binary, f"{folder}/{points}/butt.ply", threads, f"{folder}/out")
-                    if not found:
-                        continue
-                    cpu.setdefault((points, PLAN, threads), []).append(cpu_s)
-                    wall.setdefault((points, PLAN, threads), []).append(wall_s)
-                    if threads == 1:
-                        peak.setdefault((points, PLAN, threads), []).append(held)
             print(f"round {turn + 1} of {rounds}, load {os.getloadavg()[0]:.1f}", flush=True)
     idle = idle_bytes(own, binary)
     for key in sorted(cpu, key=lambda key: key[0]):

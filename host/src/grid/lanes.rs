@@ -5,6 +5,12 @@ use wide::f32x8;
 /// Numbers that are worked on at once.
 pub const LANES: usize = 8;
 
+/// Eight numbers of a column from `first` on; zeros where it has fewer.
+#[inline(always)]
+pub fn eight(column: &[f32], first: usize) -> f32x8 {
+    column[first..].first_chunk::<LANES>().map_or(f32x8::ZERO, |eight| f32x8::new(*eight))
+}
+
 /// `e^x` for `x <= 0`, to 2e-7 of itself; 1.6e-38 below -87.
 ///
 /// Cephes' `expf`: reduction by ln 2 in two parts, degree 6. The one of `wide` also minds infinities, at twice the cost.

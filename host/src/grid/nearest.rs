@@ -4,7 +4,7 @@
 //! bounds the ball that must be searched, and rules out most of its rows.
 
 use super::Grid;
-use super::lanes::LANES;
+use super::lanes::{LANES, eight};
 use nalgebra::{Point3, Vector3};
 use std::ops::Range;
 use wide::f32x8;
@@ -56,11 +56,7 @@ impl Grid {
     /// Squared distances of eight slots from `q`; those beyond the last are of no point.
     #[inline(always)]
     pub(crate) fn squared_distances(&self, slot: usize, [x, y, z]: &[f32x8; 3]) -> f32x8 {
-        let eight = |column: &[f32]| match column[slot..].first_chunk::<LANES>() {
-            Some(eight) => f32x8::new(*eight),
-            None => f32x8::ZERO,
-        };
-        let (dx, dy, dz) = (eight(&self.x) - *x, eight(&self.y) - *y, eight(&self.z) - *z);
+        let [dx, dy, dz] = [eight(&self.x, slot) - *x, eight(&self.y, slot) - *y, eight(&self.z, slot) - *z];
         dx * dx + dy * dy + dz * dz
     }
 }

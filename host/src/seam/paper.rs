@@ -15,7 +15,8 @@ pub fn find(input: &Input, ratio_threshold: f64) -> Found {
             format!("t = {ratio_threshold} marks everything; it must exceed {}", RatioThreshold::FLOOR);
         return Found { reason, ..Found::default() };
     };
-    let edges = edge_points(model, voxels.edge_mm, threshold);
+    let tensors = smoothed(index, asymmetries, INDEX_VOXELS * voxels.edge_mm);
+    let edges: Vec<usize> = (0..tensors.len()).filter(|&k| tensors[k].is_edge(threshold)).collect();
     let stations: Vec<Station> = edges
         .windows(2)
         .map(|w| {
@@ -49,19 +50,18 @@ pub fn find(input: &Input, ratio_threshold: f64) -> Found {
     Found { seams: vec![seam], intensity, ..Found::default() }
 }
 
-/// Indices of the edge points in the order of the cloud.
-fn edge_points(model: &PointCloud, voxel_mm: f32, threshold: RatioThreshold) -> Vec<usize> {
-    let ratios = tensors(model, voxel_mm);
-    (0..ratios.len()).filter(|&k| ratios[k].is_edge(threshold)).collect()
-}
-
 /// Smoothed tensor of every point, in the order of the cloud.
 pub fn tensors(model: &PointCloud, voxel_mm: f32) -> Vec<Tensor> {
     let radius_mm = INDEX_VOXELS * voxel_mm;
     let grid = Grid::new(&model.points_mm, radius_mm);
-    let intensities: Vec<f32> = edges::asymmetries(&grid, radius_mm).iter().map(Vector3::norm).collect();
-    let gradients = edges::gradients(&grid, radius_mm, &intensities);
-    grid.by_point(&edges::tensors(&grid, radius_mm, &gradients))
+    smoothed(&grid, &edges::asymmetries(&grid, radius_mm), radius_mm)
+}
+
+/// The same of a cloud that is indexed, and whose [`edges::asymmetries`] are known.
+fn smoothed(grid: &Grid, asymmetries: &[Vector3<f32>], radius_mm: f32) -> Vec<Tensor> {
+    let intensities: Vec<f32> = asymmetries.iter().map(Vector3::norm).collect();
+    let gradients = edges::gradients(grid, radius_mm, &intensities);
+    grid.by_point(&edges::tensors(grid, radius_mm, &gradients))
 }
 
 fn any_across(normal: &Vector3<f64>) -> Vector3<f64> {
