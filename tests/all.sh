@@ -59,4 +59,4 @@ say "tests: units, properties, fixtures, link, firmware in QEMU, report in Chrom
 WELDPATH_REQUIRE_QEMU=1 WELDPATH_REQUIRE_CHROMIUM=1 cargo test --workspace
 
 say "tests: E57 and LAS"
-cargo test -p weldpath --features e57,las --lib scan::
+cargo test -p weldpath --features e57,las --lib input::

@@ -8,14 +8,19 @@ use std::hint::black_box;
 
 use divan::{AllocProfiler, Bencher, counter::ItemsCount};
 use nalgebra::{Isometry3, Point3, Translation3, Vector3};
-use weldpath::cloud::{Merged, PointCloud, View};
-use weldpath::denoising::{self, bilateral};
-use weldpath::downsampling::{self, voxel_grid};
-use weldpath::grid::{Grid, sweep::Around};
-use weldpath::normals::{self, pointwise};
+use weldpath::geometry::cloud::{Merged, PointCloud, View};
+use weldpath::geometry::grid::Grid;
+use weldpath::geometry::grid::sweep::Around;
+use weldpath::input;
+use weldpath::model::denoising;
+use weldpath::model::denoising::bilateral;
+use weldpath::model::downsampling;
+use weldpath::model::downsampling::voxel_grid;
+use weldpath::model::normals;
+use weldpath::model::normals::pointwise;
+use weldpath::model::reconstruction;
+use weldpath::model::reconstruction::register;
 use weldpath::pipeline;
-use weldpath::reconstruction::{self, register};
-use weldpath::scan;
 use weldpath::seam::{self, edges};
 
 #[allow(dead_code)]
@@ -87,7 +92,7 @@ fn view(points_mm: Vec<Point3<f32>>) -> View {
 fn load_ply(bencher: Bencher, case: Case) {
     let file = tempfile::NamedTempFile::with_suffix(".ply").expect("a file");
     std::fs::write(file.path(), clouds::ply(&clouds::butt_joint(case.0))).expect("it is written");
-    run(bencher, case, || scan::points(file.path()).expect("it is read"));
+    run(bencher, case, || input::points(file.path()).expect("it is read"));
 }
 
 #[divan::bench(args = LINEAR)]

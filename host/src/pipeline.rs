@@ -3,13 +3,15 @@
 mod attempt;
 
 use self::attempt::{Attempt, Scan};
-use crate::cloud::{Merged, PointCloud, View};
-use crate::downsampling::Voxels;
-use crate::grid::Grid;
-pub use crate::reconstruction::ViewReport;
+use crate::geometry::cloud::{Merged, PointCloud, View};
+use crate::geometry::grid::Grid;
+use crate::model::downsampling::Voxels;
+pub use crate::model::reconstruction::ViewReport;
+use crate::model::{downsampling, normals, reconstruction};
+use crate::seam;
 use crate::seam::Seam;
-use crate::toolpath::SeamPath;
-use crate::{coverage, downsampling, normals, reconstruction, seam};
+use crate::seam::coverage;
+use crate::weld::SeamPath;
 use std::time::Instant;
 
 /// How seams are found.

@@ -17,12 +17,12 @@ pub use deviation::deviation;
 pub use page::with_deviation;
 pub use recording::Recording;
 
-use crate::export::directory::File;
-use crate::export::summary::{Source, Summary};
-use crate::job::Job;
+use crate::files::File;
+use crate::output::summary::{Source, Summary};
 use crate::pipeline::Plan;
-use crate::postprocessing::Output;
-use crate::toolpath::program::Program;
+use crate::run::job::Job;
+use crate::run::postprocessing::Output;
+use crate::weld::program::Program;
 
 /// Name of the page within a run's folder.
 pub const PAGE: &str = "report.html";

@@ -2,6 +2,7 @@
 
 pub mod chain;
 pub mod corner;
+pub mod coverage;
 pub mod dimension;
 pub mod edges;
 pub mod expected;
@@ -20,10 +21,10 @@ pub mod stretch;
 pub mod support;
 pub mod wedge;
 
-use crate::cloud::{Merged, PointCloud};
-use crate::downsampling::Voxels;
-use crate::grid::Grid;
-use crate::reconstruction::Registration;
+use crate::geometry::cloud::{Merged, PointCloud};
+use crate::geometry::grid::Grid;
+use crate::model::downsampling::Voxels;
+use crate::model::reconstruction::Registration;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};

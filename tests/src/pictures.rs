@@ -6,10 +6,10 @@
 use std::fmt::Write;
 
 use nalgebra::{Point3, Vector3};
-use weldpath::job::Job;
-use weldpath::job::quantity::ApproachMm;
-use weldpath::postprocessing::postprocess;
-use weldpath::toolpath::program::{Kind, Waypoint, segments};
+use weldpath::run::job::Job;
+use weldpath::run::job::quantity::ApproachMm;
+use weldpath::run::postprocessing::postprocess;
+use weldpath::weld::program::{Kind, Waypoint, segments};
 
 use crate::plans;
 

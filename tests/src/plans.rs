@@ -3,11 +3,11 @@
 use std::f64::consts::{FRAC_PI_4, TAU};
 
 use nalgebra::{Matrix3, Point3, Rotation3, UnitQuaternion, Vector3};
-use weldpath::cloud::PointCloud;
-use weldpath::evaluation::{Truth, TruthSeam};
+use weldpath::geometry::cloud::PointCloud;
+use weldpath::lab::evaluation::{Truth, TruthSeam};
 use weldpath::pipeline::{Derived, Plan, ViewReport};
 use weldpath::seam::{Joint, Seam, Station};
-use weldpath::toolpath::{PathPoint, Process, SeamPath};
+use weldpath::weld::{PathPoint, Process, SeamPath};
 
 /// Corner of the bent seam, mm.
 pub const CORNER_MM: [f64; 3] = [60.3, 200.0, 0.0];

@@ -5,7 +5,7 @@ mod panel;
 
 pub use client::Client;
 pub use panel::Panel;
-pub use weldpath::emulator::{Clock, Inputs, Seen, Wire};
+pub use weldpath::pendant::emulator::{Clock, Inputs, Seen, Wire};
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -14,8 +14,9 @@ use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use weldpath::emulator::{Emulator, Error};
-use weldpath::serial::{self, Line};
+use weldpath::pendant::emulator::{Emulator, Error};
+use weldpath::pendant::serial;
+use weldpath::pendant::serial::Line;
 
 /// How long anything may take that has no reason to take long.
 pub const PATIENCE: Duration = Duration::from_secs(60);

@@ -3,9 +3,9 @@
 //! The interpreters of the dialects share this form and nothing of the emitters.
 
 use nalgebra::{Matrix3, Vector3};
-use weldpath::job::Job;
-use weldpath::postprocessing::{Output, postprocess};
-use weldpath::toolpath::program::Waypoint;
+use weldpath::run::job::Job;
+use weldpath::run::postprocessing::{Output, postprocess};
+use weldpath::weld::program::Waypoint;
 
 use crate::plans;
 

@@ -7,7 +7,7 @@ use std::sync::MutexGuard;
 use std::thread;
 use std::time::Instant;
 
-use weldpath::serial;
+use weldpath::pendant::serial;
 
 use crate::adversary::Random;
 use crate::command::{PATIENCE, Running, weldpath};

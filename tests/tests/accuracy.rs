@@ -5,12 +5,12 @@
 
 use std::path::Path;
 
-use weldpath::evaluation::{Options, PathSet, Score, Truth, score};
-use weldpath::job::Job;
+use weldpath::input;
+use weldpath::lab::evaluation::{Options, PathSet, Score, Truth, score};
+use weldpath::lab::simulation::{Request, simulate, write};
 use weldpath::pipeline::{self, Plan};
-use weldpath::postprocessing::postprocess;
-use weldpath::scan;
-use weldpath::simulation::{Request, simulate, write};
+use weldpath::run::job::Job;
+use weldpath::run::postprocessing::postprocess;
 use weldpath_tests::shared_data;
 
 /// The worst that is accepted: position RMSE in mm, torch RMSE in degrees, shares in percent.
@@ -69,7 +69,7 @@ const MISSED: &[(&str, &str, f64, &str)] = &[(
 
 /// Plans a folder with `scan.json` as the command does without any option.
 fn plan(folder: &Path) -> Result<Plan, pipeline::Error> {
-    let scan = scan::read(folder, &scan::Options::default()).unwrap_or_else(|error| panic!("{error}"));
+    let scan = input::read(folder, &input::Options::default()).unwrap_or_else(|error| panic!("{error}"));
     pipeline::plan(&scan.views, &Job::default().pipeline(), &mut ())
 }
 

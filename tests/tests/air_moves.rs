@@ -2,11 +2,11 @@
 //! planner is used for it.
 
 use nalgebra::{Matrix3, Point3, Rotation3, UnitQuaternion, Vector3};
-use weldpath::cloud::PointCloud;
-use weldpath::feasibility::torch::Torch;
-use weldpath::toolpath::air::terrain::Terrain;
-use weldpath::toolpath::program::{Kind, Motion, Pass, Program, Waypoint, program};
-use weldpath::toolpath::{PathPoint, Process, SeamPath};
+use weldpath::geometry::cloud::PointCloud;
+use weldpath::robot::feasibility::torch::Torch;
+use weldpath::weld::air::terrain::Terrain;
+use weldpath::weld::program::{Kind, Motion, Pass, Program, Waypoint, program};
+use weldpath::weld::{PathPoint, Process, SeamPath};
 
 const CLEARANCE_MM: f64 = 30.0;
 

@@ -2,10 +2,10 @@
 
 use nalgebra::{Isometry3, Matrix3, Point3, Translation3, UnitQuaternion, Vector3};
 use std::path::Path;
-use weldpath::coverage::{Fault, Gap};
+use weldpath::input::{Options, Scan, read};
+use weldpath::lab::simulation::{Camera, Noise, Part, Request, captured, stage, write};
 use weldpath::pipeline::{Config, Plan, plan};
-use weldpath::scan::{Options, Scan, read};
-use weldpath::simulation::{Camera, Noise, Part, Request, captured, stage, write};
+use weldpath::seam::coverage::{Fault, Gap};
 
 fn fixture(name: &str) -> Scan {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();

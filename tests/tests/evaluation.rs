@@ -1,4 +1,4 @@
-//! `weldpath::evaluation` against the project's reference script, where Python with numpy and scipy and the script are
+//! `weldpath::lab::evaluation` against the project's reference script, where Python with numpy and scipy and the script are
 //! at hand: the same files go through both, and every number agrees within 1e-3.
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
@@ -6,8 +6,8 @@ use serde_json::Value;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use weldpath::evaluation::{Options, PathSet, Target, Truth, align, f1, paper_rmse, score};
-use weldpath::simulation::{Part, Request, stage};
+use weldpath::lab::evaluation::{Options, PathSet, Target, Truth, align, f1, paper_rmse, score};
+use weldpath::lab::simulation::{Part, Request, stage};
 
 const TOLERANCE: f64 = 1e-3;
 

@@ -1,6 +1,6 @@
 //! `NAME.ls` does on a FANUC robot what the plan says, and the reader refuses a listing that does not.
 
-use weldpath::toolpath::program::Waypoint;
+use weldpath::weld::program::Waypoint;
 use weldpath_tests::fanuc::run;
 use weldpath_tests::robot::{Text, Tolerance, WOVEN, check, output, refuses, texts};
 

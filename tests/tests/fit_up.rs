@@ -2,13 +2,13 @@
 //! stated of it. The table is printed: `cargo test -p weldpath-tests --test fit_up -- --nocapture`.
 
 use std::path::Path;
-use weldpath::evaluation::Truth;
-use weldpath::job::Job;
+use weldpath::input;
+use weldpath::lab::evaluation::Truth;
+use weldpath::lab::simulation::{Noise, Part, Request, simulate, write};
 use weldpath::pipeline::{self, Plan};
-use weldpath::scan;
+use weldpath::run::job::Job;
 use weldpath::seam::Seam;
 use weldpath::seam::dimension::{Quantity, Value};
-use weldpath::simulation::{Noise, Part, Request, simulate, write};
 use weldpath_tests::shared_data;
 
 /// Uncertainties that still tell a tight joint from one that needs another weld, mm; the root of a groove is blurred by
@@ -17,7 +17,7 @@ const USEFUL_MM: f64 = 0.5;
 const USEFUL_GROOVE_MM: f64 = 1.0;
 
 fn plan(folder: &Path) -> Plan {
-    let scan = scan::read(folder, &scan::Options::default()).unwrap_or_else(|error| panic!("{error}"));
+    let scan = input::read(folder, &input::Options::default()).unwrap_or_else(|error| panic!("{error}"));
     pipeline::plan(&scan.views, &Job::default().pipeline(), &mut ()).unwrap_or_else(|error| panic!("{error}"))
 }
 

@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use weldpath::evaluation::Truth;
-use weldpath::simulation::{Request, simulate, write};
+use weldpath::lab::evaluation::Truth;
+use weldpath::lab::simulation::{Request, simulate, write};
 
 fn fixtures() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../fixtures")
@@ -83,7 +83,7 @@ fn the_simulated_scans_stay_under_8_mb_in_all() {
 fn all_but_the_plate_have_a_required_seam_that_is_seen() {
     for (name, _) in documented() {
         let truth = Truth::read(&fixtures().join(&name).join("truth.json")).expect("a truth");
-        let seen = |seam: &&weldpath::evaluation::TruthSeam| seam.required && seam.visible_count() > 50;
+        let seen = |seam: &&weldpath::lab::evaluation::TruthSeam| seam.required && seam.visible_count() > 50;
         assert_eq!(truth.seams.iter().any(|seam| seen(&seam)), name != "plate", "{name}");
     }
 }

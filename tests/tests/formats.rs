@@ -3,9 +3,9 @@
 use std::path::Path;
 
 use serde_json::Value;
-use weldpath::export::json;
-use weldpath::job::Job;
-use weldpath::postprocessing::postprocess;
+use weldpath::output::json;
+use weldpath::run::job::Job;
+use weldpath::run::postprocessing::postprocess;
 use weldpath_tests::plans;
 
 const FORMATS: &str = include_str!("../../docs/formats.md");

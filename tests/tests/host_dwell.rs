@@ -1,8 +1,8 @@
 //! A program in which the torch stands, as a pendant welds it: how long it stands, where, and with what arc.
 
 use nalgebra::{Point3, UnitQuaternion};
-use weldpath::link::program::{Upload, upload};
-use weldpath::toolpath::program::{Kind, Waypoint};
+use weldpath::pendant::link::program::{Upload, upload};
+use weldpath::weld::program::{Kind, Waypoint};
 use weldpath_core::interlock::State;
 use weldpath_core::pendant::set_point;
 use weldpath_core::wire::{Answer, Command};

@@ -7,12 +7,15 @@ use std::process::{Command, Stdio};
 use std::thread;
 
 use nalgebra::{Point3, UnitQuaternion};
-use weldpath::export::json;
-use weldpath::link::{Error, Link};
-use weldpath::serial::{self, Line};
-use weldpath::simulation::{self, Part, Request};
-use weldpath::teleop::{self, Setup, generator, recording};
-use weldpath::toolpath::program::{Kind, Waypoint};
+use weldpath::lab::simulation;
+use weldpath::lab::simulation::{Part, Request};
+use weldpath::output::json;
+use weldpath::pendant::link::{Error, Link};
+use weldpath::pendant::serial;
+use weldpath::pendant::serial::Line;
+use weldpath::pendant::teleop;
+use weldpath::pendant::teleop::{Setup, generator, recording};
+use weldpath::weld::program::{Kind, Waypoint};
 use weldpath_core::interlock::State;
 use weldpath_core::wire::frame::{self, Received};
 use weldpath_core::wire::{

@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use nalgebra::{Point3, UnitQuaternion};
-use weldpath::export::json;
-use weldpath::toolpath::program::{Kind, Waypoint};
+use weldpath::output::json;
+use weldpath::weld::program::{Kind, Waypoint};
 use weldpath_tests::command::{Running, ends_well, weldpath};
 use weldpath_tests::qemu::firmware;
 use weldpath_tests::simulated::Simulated;

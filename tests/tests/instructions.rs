@@ -6,9 +6,9 @@
 use std::process::Command;
 
 use nalgebra::{Isometry3, Vector3};
-use weldpath::cloud::{PointCloud, View};
-use weldpath::denoising::{Config, bilateral};
-use weldpath::grid::Grid;
+use weldpath::geometry::cloud::{PointCloud, View};
+use weldpath::geometry::grid::Grid;
+use weldpath::model::denoising::{Config, bilateral};
 use weldpath::pipeline;
 use weldpath::seam::edges;
 

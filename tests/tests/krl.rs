@@ -1,6 +1,6 @@
 //! `NAME.src` and `NAME.dat` do on a KUKA robot what the plan says, and the interpreter refuses a module that does not.
 
-use weldpath::toolpath::program::Waypoint;
+use weldpath::weld::program::Waypoint;
 use weldpath_tests::krl::{Event, Ran, run};
 use weldpath_tests::robot::{Text, Tolerance, WOVEN, check, output, refuses, require, texts};
 

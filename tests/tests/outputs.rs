@@ -3,12 +3,12 @@
 use std::path::Path;
 
 use nalgebra::Point3;
-use weldpath::evaluation::{Options, PathSet, score};
-use weldpath::export::directory;
-use weldpath::export::json;
-use weldpath::job::Job;
-use weldpath::postprocessing::{Output, postprocess};
-use weldpath::simulation::{Part, Request, stage};
+use weldpath::files;
+use weldpath::lab::evaluation::{Options, PathSet, score};
+use weldpath::lab::simulation::{Part, Request, stage};
+use weldpath::output::json;
+use weldpath::run::job::Job;
+use weldpath::run::postprocessing::{Output, postprocess};
 use weldpath_tests::plans;
 
 fn output(job: &str) -> Output {
@@ -260,7 +260,7 @@ fn a_folder_that_refuses_is_left_as_it_was() {
     let out = home.path().join("out");
     std::fs::create_dir_all(out.join("summary.json")).unwrap();
     std::fs::write(out.join("path.csv"), "precious").unwrap();
-    assert!(directory::write(&out, &output("").files).is_err());
+    assert!(files::write(&out, &output("").files).is_err());
     assert_eq!(std::fs::read_to_string(out.join("path.csv")).unwrap(), "precious");
     assert_eq!(std::fs::read_dir(&out).unwrap().count(), 2);
 }

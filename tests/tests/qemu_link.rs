@@ -4,9 +4,10 @@ use std::io;
 use std::time::{Duration, Instant};
 
 use nalgebra::{Point3, UnitQuaternion};
-use weldpath::link::program::upload;
-use weldpath::teleop::Twin;
-use weldpath::toolpath::program::{self, Kind};
+use weldpath::pendant::link::program::upload;
+use weldpath::pendant::teleop::Twin;
+use weldpath::weld::program;
+use weldpath::weld::program::Kind;
 use weldpath_core::interlock::{Cause, State};
 use weldpath_core::pendant::{Config, set_point};
 use weldpath_core::sender::Notice;

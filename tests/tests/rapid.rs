@@ -1,6 +1,6 @@
 //! `NAME.mod` does on an ABB robot what the plan says, and the interpreter refuses a module that does not.
 
-use weldpath::toolpath::program::Waypoint;
+use weldpath::weld::program::Waypoint;
 use weldpath_tests::rapid::run;
 use weldpath_tests::robot::{Text, Tolerance, WOVEN, check, output, refuses, texts};
 

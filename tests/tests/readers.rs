@@ -4,7 +4,8 @@
 
 use std::path::{Path, PathBuf};
 
-use weldpath::scan::{self, Options, Scan};
+use weldpath::input;
+use weldpath::input::{Options, Scan};
 
 fn data(folder: &str) -> Option<PathBuf> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -34,7 +35,7 @@ fn files(folder: &Path, extensions: &[&str]) -> Vec<PathBuf> {
 }
 
 fn read(path: &Path) -> Scan {
-    scan::read(path, &Options::default()).unwrap_or_else(|error| panic!("{error}"))
+    input::read(path, &Options::default()).unwrap_or_else(|error| panic!("{error}"))
 }
 
 /// The number after a key of the header.

@@ -7,7 +7,8 @@ use std::path::Path;
 
 use proptest::prelude::*;
 use proptest::sample::Index;
-use weldpath::scan::{self, Error, Options, Scan, Units};
+use weldpath::input;
+use weldpath::input::{Error, Options, Scan, Units};
 
 const XYZ: [[f32; 3]; 4] = [[0.1, 0.2, 0.5], [0.3, -0.2, 0.6], [-0.1, 0.05, 0.7], [0.0, 0.1, 0.55]];
 
@@ -152,7 +153,7 @@ fn replace_number(bytes: &mut Vec<u8>, at: Index, number: &str) {
     bytes.splice(start..start + digits, number.bytes());
 }
 
-fn points_or_an_error_that_names(name: &str, read: Result<Scan, scan::Error>) {
+fn points_or_an_error_that_names(name: &str, read: Result<Scan, input::Error>) {
     match read {
         Ok(scan) => {
             assert!(!scan.views.is_empty());
@@ -179,7 +180,7 @@ fn peak_kb() -> Option<u64> {
 #[test]
 fn undamaged_files_of_every_kind_are_read() {
     for (name, bytes) in seeds() {
-        let scan = scan::read_bytes(bytes, Path::new(name), &Options::default());
+        let scan = input::read_bytes(bytes, Path::new(name), &Options::default());
         points_or_an_error_that_names(name, Ok(scan.unwrap_or_else(|e| panic!("{e}"))));
     }
 }
@@ -204,7 +205,7 @@ proptest! {
         let mut bytes = bytes.clone();
         damages.iter().for_each(|damage| apply(&mut bytes, damage));
         let before = peak_kb();
-        points_or_an_error_that_names(name, scan::read_bytes(bytes, Path::new(name), &Options { units }));
+        points_or_an_error_that_names(name, input::read_bytes(bytes, Path::new(name), &Options { units }));
         if let (Some(before), Some(after)) = (before, peak_kb()) {
             prop_assert!(after - before < 500_000, "{name} took {} kB", after - before);
         }
@@ -252,7 +253,7 @@ proptest! {
         let path = folder.path().join(name);
         std::fs::write(&path, &bytes).unwrap();
         let options = Options::default();
-        prop_assert_eq!(told(scan::read(&path, &options)), told(scan::read_bytes(bytes, &path, &options)));
+        prop_assert_eq!(told(input::read(&path, &options)), told(input::read_bytes(bytes, &path, &options)));
     }
 }
 
@@ -282,6 +283,6 @@ proptest! {
         let mut json = SCAN_JSON.as_bytes().to_vec();
         damages.iter().for_each(|damage| apply(&mut json, damage));
         std::fs::write(folder.path().join("scan.json"), json).unwrap();
-        points_or_an_error_that_names("fuzzed-scan", scan::read(folder.path(), &Options::default()));
+        points_or_an_error_that_names("fuzzed-scan", input::read(folder.path(), &Options::default()));
     }
 }

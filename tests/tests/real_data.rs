@@ -6,12 +6,13 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use nalgebra::{Isometry3, Matrix3, Matrix4, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
-use weldpath::cloud::View;
-use weldpath::job::Job;
+use weldpath::geometry::cloud::View;
+use weldpath::input;
+use weldpath::input::{Scan, Units};
+use weldpath::model::reconstruction::pair;
+use weldpath::model::{normals, reconstruction};
 use weldpath::pipeline::{self, Error, Plan};
-use weldpath::reconstruction::pair;
-use weldpath::scan::{self, Scan, Units};
-use weldpath::{normals, reconstruction};
+use weldpath::run::job::Job;
 use weldpath_tests::shared_data;
 
 const GROOVE: &str = "pengrui-rio+welding-robot/pointcloud_dataset/driver_test_cloud.pcd";
@@ -24,7 +25,7 @@ const SEAMLESS: &[&str] = &[
 ];
 
 fn read(path: &Path, units: Units) -> Scan {
-    scan::read(path, &scan::Options { units }).unwrap_or_else(|error| panic!("{error}"))
+    input::read(path, &input::Options { units }).unwrap_or_else(|error| panic!("{error}"))
 }
 
 fn plan(path: &Path) -> Result<Plan, Error> {

@@ -1,11 +1,11 @@
 //! A saved program follows a part that has moved: simulated, seen by other cameras, moved by a known motion.
 
 use nalgebra::{Isometry3, Matrix4, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
-use weldpath::cloud::{PointCloud, View};
-use weldpath::refit::{Error, cloud, moved, refit};
-use weldpath::scan;
-use weldpath::simulation::{Part, Request, simulate, write};
-use weldpath::toolpath::program::{Kind, Waypoint};
+use weldpath::geometry::cloud::{PointCloud, View};
+use weldpath::input;
+use weldpath::lab::simulation::{Part, Request, simulate, write};
+use weldpath::run::refit::{Error, cloud, moved, refit};
+use weldpath::weld::program::{Kind, Waypoint};
 
 /// A part seen by every other camera of a scan, seen by the others, its true seams as a program, and the table's height.
 struct Seen {
@@ -19,7 +19,7 @@ fn seen(part: Part) -> Seen {
     let simulated = simulate(&Request::new(part, 1)).unwrap();
     let home = tempfile::tempdir().unwrap();
     write(&simulated, home.path()).unwrap();
-    let mut views = scan::read(home.path(), &scan::Options { units: scan::Units::Auto }).unwrap().views;
+    let mut views = input::read(home.path(), &input::Options { units: input::Units::Auto }).unwrap().views;
     for (view, rows) in views.iter_mut().zip(&simulated.truth.true_cam) {
         let pose = Matrix4::from_fn(|r, c| rows[r][c]);
         let turn = Rotation3::from_matrix(&pose.fixed_view::<3, 3>(0, 0).into_owned());

@@ -8,14 +8,14 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use nalgebra::{Point3, Vector3};
 use serde_json::Value;
-use weldpath::cloud::{Merged, PointCloud};
-use weldpath::downsampling::Voxels;
-use weldpath::evaluation::{Options, PathSet, Truth};
-use weldpath::grid::Grid;
-use weldpath::job::Job;
+use weldpath::geometry::cloud::{Merged, PointCloud};
+use weldpath::geometry::grid::Grid;
+use weldpath::lab::evaluation::{Options, PathSet, Truth};
+use weldpath::model::downsampling::Voxels;
 use weldpath::pipeline::{Evidence, Plan};
-use weldpath::postprocessing::postprocess;
 use weldpath::report::{self, Recording};
+use weldpath::run::job::Job;
+use weldpath::run::postprocessing::postprocess;
 use weldpath_tests::browser::{self, Browser};
 use weldpath_tests::command::weldpath;
 use weldpath_tests::plans;
@@ -197,8 +197,8 @@ fn the_scale_bar_of_the_picture_measures_the_pipe() {
 
 #[test]
 fn a_perfect_plan_deviates_from_the_truth_by_nothing() {
-    let request = weldpath::simulation::Request::new(weldpath::simulation::Part::Fillet, 3);
-    let truth: Truth = weldpath::simulation::stage(&request).unwrap().truth;
+    let request = weldpath::lab::simulation::Request::new(weldpath::lab::simulation::Part::Fillet, 3);
+    let truth: Truth = weldpath::lab::simulation::stage(&request).unwrap().truth;
     let output = postprocess(&plans::of_truth(&truth), &Job::default(), Default::default()).unwrap();
     let csv = &output.files.iter().find(|file| file.name == "path.csv").unwrap().bytes;
     let paths = PathSet::parse(csv, Path::new("path.csv")).unwrap();

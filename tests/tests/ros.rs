@@ -1,6 +1,6 @@
 //! `poses.yaml` and `poses.json` are PoseArrays of the plan, and the reader refuses those that are not.
 
-use weldpath::toolpath::program::Waypoint;
+use weldpath::weld::program::Waypoint;
 use weldpath_tests::robot::{Step, Text, Tolerance, WOVEN, check, output, refuses, require, texts};
 use weldpath_tests::ros::{Pose, json, yaml};
 

@@ -2,8 +2,8 @@
 
 use serde_json::{Value, json};
 use std::path::Path;
-use weldpath::scan::{Options, Scan, read};
-use weldpath::simulation::{Part, Pose, Request, simulate, write};
+use weldpath::input::{Options, Scan, read};
+use weldpath::lab::simulation::{Part, Pose, Request, simulate, write};
 
 use nalgebra::{Isometry3, Matrix3, UnitQuaternion, Vector3};
 

@@ -3,9 +3,9 @@
 use std::path::Path;
 
 use nalgebra::Isometry3;
-use weldpath::cloud::View;
+use weldpath::geometry::cloud::View;
+use weldpath::input;
 use weldpath::pipeline::{self, Config, Plan};
-use weldpath::scan;
 
 #[path = "../../host/benches/clouds/mod.rs"]
 #[allow(dead_code)]
@@ -33,7 +33,7 @@ fn assert_same(name: &str, views: &[View]) {
 #[test]
 fn a_scan_of_several_views_is_planned_alike_by_any_number_of_threads() {
     let fixture = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fixtures/lap");
-    assert_same("lap", &scan::read(&fixture, &scan::Options::default()).expect("a scan").views);
+    assert_same("lap", &input::read(&fixture, &input::Options::default()).expect("a scan").views);
 }
 
 #[test]

@@ -3,9 +3,9 @@
 use std::path::Path;
 
 use nalgebra::{Matrix3, Vector3};
-use weldpath::job::Job;
-use weldpath::postprocessing::{Output, postprocess};
-use weldpath::toolpath::program::{Kind, Waypoint};
+use weldpath::run::job::Job;
+use weldpath::run::postprocessing::{Output, postprocess};
+use weldpath::weld::program::{Kind, Waypoint};
 use weldpath_tests::plans;
 use weldpath_tests::urscript::{Event, Move, run};
 

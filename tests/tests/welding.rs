@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use weldpath::job::Job;
-use weldpath::postprocessing::postprocess;
+use weldpath::run::job::Job;
+use weldpath::run::postprocessing::postprocess;
 use weldpath_tests::command::weldpath;
 use weldpath_tests::pictures::{From, picture};
 use weldpath_tests::plans;

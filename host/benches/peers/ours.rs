@@ -10,14 +10,18 @@ use std::time::Instant;
 use nalgebra::{Isometry3, Matrix4, Point3, Translation3, Vector3};
 use rustix::time::{ClockId, clock_gettime};
 use serde_json::{Value, json};
-use weldpath::cloud::{PointCloud, View};
-use weldpath::denoising::{self, bilateral};
-use weldpath::downsampling;
-use weldpath::grid::{Grid, sweep::Around};
-use weldpath::normals::{self, pointwise};
+use weldpath::geometry::cloud::{PointCloud, View};
+use weldpath::geometry::grid::Grid;
+use weldpath::geometry::grid::sweep::Around;
+use weldpath::input;
+use weldpath::model::denoising;
+use weldpath::model::denoising::bilateral;
+use weldpath::model::downsampling;
+use weldpath::model::normals;
+use weldpath::model::normals::pointwise;
+use weldpath::model::reconstruction;
+use weldpath::model::reconstruction::{pair, register};
 use weldpath::pipeline;
-use weldpath::reconstruction::{self, pair, register};
-use weldpath::scan;
 use weldpath::seam::edges;
 
 #[path = "../clouds/mod.rs"]
@@ -149,7 +153,7 @@ fn linear(dir: &Path, cloud: &[Point3<f32>], radius_mm: f32) {
     let points = cloud.len();
     for kind in ["ply", "pcd"] {
         let path = dir.join(format!("butt.{kind}"));
-        let load = || scan::points(&path).expect("it is read");
+        let load = || input::points(&path).expect("it is read");
         stage(&format!("load {kind}"), points, load, |p| json!({ "points": p.len() }));
     }
     let voxels = |v: &Vec<Point3<f32>>| json!({ "voxels": v.len(), "mean_z_mm": mean_z_mm(v) });
@@ -274,7 +278,7 @@ fn seen_from(points: Vec<Point3<f32>>, camera_mm: &Value) -> View {
 fn whole(dir: &Path) {
     let path = dir.join("butt.ply");
     let plan = || {
-        let scan = scan::read(&path, &scan::Options::default()).expect("it is read");
+        let scan = input::read(&path, &input::Options::default()).expect("it is read");
         pipeline::plan(&scan.views, &pipeline::Config::default(), &mut ()).ok()
     };
     // The faces meet 1.7 mm below the root. In 10 000 points there is no seam that can be welded.
@@ -284,7 +288,7 @@ fn whole(dir: &Path) {
         let across_rms_mm = (sum / stations.len() as f64).sqrt();
         json!({ "across_rms_mm": across_rms_mm, "peak_mib": peak_mib() })
     };
-    let points = scan::points(&path).expect("it is read").len();
+    let points = input::points(&path).expect("it is read").len();
     stage("whole method", points, plan, error);
 }
 

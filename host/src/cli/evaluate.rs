@@ -5,12 +5,14 @@ use std::path::{Path, PathBuf};
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use serde::Serialize;
-use weldpath::comparison;
-use weldpath::evaluation::{self, CELL_MM, Error, F1, Options, PathSet, Score, Target, Truth, f1, score};
-use weldpath::export::directory::{self, File};
-use weldpath::job::Job;
-use weldpath::job::quantity::StandoffMm;
+use weldpath::files;
+use weldpath::files::File;
+use weldpath::lab::comparison;
+use weldpath::lab::evaluation;
+use weldpath::lab::evaluation::{CELL_MM, Error, F1, Options, PathSet, Score, Target, Truth, f1, score};
 use weldpath::report;
+use weldpath::run::job::Job;
+use weldpath::run::job::quantity::StandoffMm;
 
 use super::{Exit, Failure, print};
 
@@ -83,7 +85,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
 
 /// The paper's section III.
 fn paper(args: &Args) -> Result<(), Failure> {
-    directory::check(&args.out).map_err(|error| Failure::new(Exit::Output, error))?;
+    files::check(&args.out).map_err(|error| Failure::new(Exit::Output, error))?;
     let settings = comparison::Settings { fixtures: args.fixtures.clone(), runs: usize::from(args.runs) };
     let begin = &mut |what: &str| {
         if !args.quiet {
@@ -95,7 +97,7 @@ fn paper(args: &Args) -> Result<(), Failure> {
             .hint("run it in the repository, or name its fixtures with --fixtures")
     })?;
     let files = measured.files();
-    directory::write(&args.out, &files).map_err(|error| Failure::new(Exit::Output, error))?;
+    files::write(&args.out, &files).map_err(|error| Failure::new(Exit::Output, error))?;
     if args.quiet {
         return Ok(());
     }
@@ -132,7 +134,7 @@ fn add_to_report(dir: &Path, deviation: &str) -> Result<(), Failure> {
         |error: &dyn Display| Failure::new(Exit::Input, format!("cannot read {}: {error}", path.display()));
     let page = std::fs::read_to_string(&path).map_err(|error| missing(&error).hint(hint))?;
     let page = report::with_deviation(&page, deviation).ok_or_else(|| missing(&"no report").hint(hint))?;
-    directory::write(dir, &[File::new(report::PAGE, page)]).map_err(|error| Failure::new(Exit::Output, error))
+    files::write(dir, &[File::new(report::PAGE, page)]).map_err(|error| Failure::new(Exit::Output, error))
 }
 
 /// How far the path was held off, by the job beside it.

@@ -3,8 +3,8 @@
 use std::io::Read;
 use std::time::{Duration, Instant};
 
-use weldpath::link::{cause_words, fault_words, is_passing, state_words};
-use weldpath::serial;
+use weldpath::pendant::link::{cause_words, fault_words, is_passing, state_words};
+use weldpath::pendant::serial;
 use weldpath_core::wire::frame::{self, Received};
 use weldpath_core::wire::{FromPendant, PendantDeframer, PendantMessage, Telemetry};
 

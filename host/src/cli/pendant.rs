@@ -7,7 +7,7 @@ use std::sync::mpsc::RecvTimeoutError;
 use std::thread;
 use std::time::Duration;
 
-use weldpath::emulator::Panel;
+use weldpath::pendant::emulator::Panel;
 
 use super::keys::{CTRL_C, Keys};
 use super::{Exit, Failure, port, print};

@@ -2,18 +2,21 @@
 
 use std::path::{Path, PathBuf};
 
-use weldpath::export::directory::{self, File};
-use weldpath::export::moves::TooLong;
-use weldpath::export::robot::Robot;
-use weldpath::export::summary::Source;
-use weldpath::job::quantity::{
+use weldpath::files;
+use weldpath::files::File;
+use weldpath::output::summary::Source;
+use weldpath::pipeline::{self, Observer, Plan};
+use weldpath::robot::dialect::Robot;
+use weldpath::robot::dialect::moves::TooLong;
+use weldpath::run::job::quantity::{
     ApproachMm, FeedMmS, Output, Place, Points, RatioThreshold, Region, SpacingMm, StandoffMm,
 };
-use weldpath::job::robot::{RobotSettings, TorchBodySettings};
-use weldpath::job::{Formats, Job, Method, Sequence, Units};
-use weldpath::pipeline::{self, Observer, Plan};
-use weldpath::postprocessing::{self, postprocess};
-use weldpath::{report, scan, selection};
+use weldpath::run::job::robot::{RobotSettings, TorchBodySettings};
+use weldpath::run::job::{Formats, Job, Method, Sequence, Units};
+use weldpath::run::postprocessing;
+use weldpath::run::postprocessing::postprocess;
+use weldpath::run::selection;
+use weldpath::{input, report};
 
 use super::progress::Progress;
 use super::weld::WeldArgs;
@@ -103,7 +106,7 @@ pub(super) struct Args {
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let job = job(args)?;
-    directory::check(&args.out).map_err(not_written)?;
+    files::check(&args.out).map_err(not_written)?;
     let mut progress = Progress::new(args.quiet, args.dump_stages, !args.no_report);
     let result = plan(&job, &mut progress);
     let (stages, recording) = progress.finish();
@@ -129,8 +132,8 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
 
 /// All files or none, and a word on those of an earlier run that stay beside them.
 pub(super) fn write(out: &Path, files: &[File], quiet: bool) -> Result<(), Failure> {
-    directory::write(out, files).map_err(not_written)?;
-    let old = directory::of_earlier_runs(out, files);
+    files::write(out, files).map_err(not_written)?;
+    let old = files::of_earlier_runs(out, files);
     if !old.is_empty() && !quiet {
         let names = old.join(", ");
         eprintln!(
@@ -218,7 +221,7 @@ fn input(args: &Args, job: &Job) -> Result<PathBuf, Failure> {
 fn plan(job: &Job, progress: &mut Progress) -> Result<(Plan, Source), Failure> {
     progress.stage("scan");
     let input = job.input.as_deref().unwrap_or(Path::new("."));
-    let scan = scan::read(input, &scan::Options { units: units(job.units) })
+    let scan = input::read(input, &input::Options { units: units(job.units) })
         .map_err(|error| Failure::new(Exit::Input, error))?;
     let mut plan = pipeline::plan(&scan.views, &job.pipeline(), progress).map_err(not_planned)?;
     plan.warnings.splice(0..0, scan.warnings);
@@ -226,11 +229,11 @@ fn plan(job: &Job, progress: &mut Progress) -> Result<(Plan, Source), Failure> {
     Ok((plan, Source { inputs, notes: scan.notes }))
 }
 
-pub(super) fn units(units: Units) -> scan::Units {
+pub(super) fn units(units: Units) -> input::Units {
     match units {
-        Units::M => scan::Units::Metres,
-        Units::Mm => scan::Units::Millimetres,
-        Units::Auto => scan::Units::Auto,
+        Units::M => input::Units::Metres,
+        Units::Mm => input::Units::Millimetres,
+        Units::Auto => input::Units::Auto,
     }
 }
 
@@ -241,7 +244,7 @@ fn keep_stages(out: &Path, mut stages: Vec<File>, seen: Vec<File>) -> Result<(),
     }
     // In their folder: what an earlier run left beside it stays as it was.
     stages.extend(seen.into_iter().map(|file| File::new(format!("stages/{}", file.name), file.bytes)));
-    directory::write(out, &stages).map_err(not_written)
+    files::write(out, &stages).map_err(not_written)
 }
 
 fn not_planned(error: pipeline::Error) -> Failure {
@@ -270,6 +273,6 @@ fn not_selected(error: selection::Error) -> Failure {
     Failure::new(exit, error).hint("run once without --seam, --near and --roi to see all seams")
 }
 
-pub(super) fn not_written(error: directory::Error) -> Failure {
+pub(super) fn not_written(error: files::Error) -> Failure {
     Failure::new(Exit::Output, error).hint("choose another folder with --out")
 }

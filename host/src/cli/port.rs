@@ -2,9 +2,12 @@
 
 use std::path::PathBuf;
 
-use weldpath::emulator::{self, Emulator};
-use weldpath::link::{self, Link};
-use weldpath::serial::{self, Address};
+use weldpath::pendant::emulator;
+use weldpath::pendant::emulator::Emulator;
+use weldpath::pendant::link;
+use weldpath::pendant::link::Link;
+use weldpath::pendant::serial;
+use weldpath::pendant::serial::Address;
 
 use super::{Exit, Failure, whole};
 

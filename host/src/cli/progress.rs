@@ -4,9 +4,9 @@ use std::io::IsTerminal;
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
-use weldpath::cloud::PointCloud;
-use weldpath::export::directory::File;
-use weldpath::export::ply;
+use weldpath::files::File;
+use weldpath::geometry::cloud::PointCloud;
+use weldpath::output::ply;
 use weldpath::pipeline::{Evidence, Observer};
 use weldpath::report::Recording;
 

@@ -2,13 +2,15 @@
 
 use std::path::{Path, PathBuf};
 
-use weldpath::export::directory::{self, File};
-use weldpath::export::{json, ply};
-use weldpath::job::{Job, Units};
-use weldpath::postprocessing::program_files;
-use weldpath::refit::{self, Refit};
-use weldpath::scan;
-use weldpath::toolpath::program::Waypoint;
+use weldpath::files;
+use weldpath::files::File;
+use weldpath::input;
+use weldpath::output::{json, ply};
+use weldpath::run::job::{Job, Units};
+use weldpath::run::postprocessing::program_files;
+use weldpath::run::refit;
+use weldpath::run::refit::Refit;
+use weldpath::weld::program::Waypoint;
 
 use super::plan::{not_written, write};
 use super::{Exit, Failure, print};
@@ -39,9 +41,9 @@ pub(super) struct Args {
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let saved = read(&args.saved)?;
-    directory::check(&args.out).map_err(not_written)?;
-    let options = scan::Options { units: super::plan::units(args.units.unwrap_or_default()) };
-    let scan = scan::read(&args.scan, &options).map_err(|error| Failure::new(Exit::Input, error))?;
+    files::check(&args.out).map_err(not_written)?;
+    let options = input::Options { units: super::plan::units(args.units.unwrap_or_default()) };
+    let scan = input::read(&args.scan, &options).map_err(|error| Failure::new(Exit::Input, error))?;
     let new = refit::cloud(&scan.views);
     let fit = refit::refit(&saved.program, &saved.model, &new).map_err(|error| {
         Failure::new(Exit::NoSeam, error).hint("plan the new scan with `weldpath plan` instead")
@@ -67,7 +69,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
 
 struct Saved {
     program: Vec<Waypoint>,
-    model: weldpath::cloud::PointCloud,
+    model: weldpath::geometry::cloud::PointCloud,
     job: Job,
 }
 

@@ -4,10 +4,13 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use nalgebra::Isometry3;
-use weldpath::export::directory::{self, File};
-use weldpath::job::quantity::Place;
-use weldpath::simulation::{self, Noise, Part, Request};
-use weldpath::teleop::{self, REGIONS, Session, Setup, generator, recording};
+use weldpath::files;
+use weldpath::files::File;
+use weldpath::lab::simulation;
+use weldpath::lab::simulation::{Noise, Part, Request};
+use weldpath::pendant::teleop;
+use weldpath::pendant::teleop::{REGIONS, Session, Setup, generator, recording};
+use weldpath::run::job::quantity::Place;
 use weldpath_core::wire::HandFrame;
 
 use super::plan::not_written;
@@ -91,7 +94,7 @@ fn make(args: &Args, file: &Path, setup: &Setup, poses: &[Isometry3<f64>]) -> Re
     let name = file.file_name().and_then(|name| name.to_str()).unwrap_or("hands.csv");
     let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let content = recording::to_csv(&frames, &part);
-    directory::write(folder, &[File::new(name, content)]).map_err(not_written)?;
+    files::write(folder, &[File::new(name, content)]).map_err(not_written)?;
     let text = format!("{}: {} frames, {} captures\n", file.display(), frames.len(), poses.len());
     if args.quiet { Ok(()) } else { print(&text) }
 }
@@ -125,7 +128,7 @@ fn scan(args: &Args, request: &Request, setup: &Setup) -> Result<(), Failure> {
 fn play(
     frames: &[HandFrame],
     setup: &Setup,
-    link: &weldpath::link::Link,
+    link: &weldpath::pendant::link::Link,
     quiet: bool,
 ) -> Result<Session, Failure> {
     let bar =

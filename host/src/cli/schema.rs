@@ -1,6 +1,6 @@
 //! `weldpath schema`: the JSON schema of job files, for editors.
 
-use weldpath::job::Job;
+use weldpath::run::job::Job;
 
 use super::{Failure, print};
 

@@ -3,10 +3,10 @@
 use std::path::PathBuf;
 
 use nalgebra::{Point3, Vector3};
-use weldpath::job::quantity::{Place, RatioThreshold};
-use weldpath::link::refusal_words;
-use weldpath::scan;
-use weldpath::teleop::Twin;
+use weldpath::input;
+use weldpath::pendant::link::refusal_words;
+use weldpath::pendant::teleop::Twin;
+use weldpath::run::job::quantity::{Place, RatioThreshold};
 use weldpath_core::wire::{Answer, Command, EdgeScore, MAX_PATCH, Offset, Patch};
 
 use super::port::{PortOrSim, lost};
@@ -64,8 +64,8 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
 
 /// Points round the place, nearest first: enough for the scored ones and their neighbours.
 fn nearest(args: &Args) -> Result<Vec<Point3<f64>>, Failure> {
-    let options = scan::Options { units: scan::Units::Auto };
-    let scan = scan::read(&args.cloud, &options).map_err(|error| Failure::new(Exit::Input, error))?;
+    let options = input::Options { units: input::Units::Auto };
+    let scan = input::read(&args.cloud, &options).map_err(|error| Failure::new(Exit::Input, error))?;
     let place = args.near.point_mm();
     let views = scan.views.iter();
     let mut points: Vec<Point3<f64>> = views

@@ -3,7 +3,8 @@
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-use weldpath::simulation::{self, Error, Format, Noise, Part, Pose, Request};
+use weldpath::lab::simulation;
+use weldpath::lab::simulation::{Error, Format, Noise, Part, Pose, Request};
 
 use super::{Exit, Failure, print, whole};
 

@@ -4,9 +4,10 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use indicatif::ProgressBar;
-use weldpath::export::json;
-use weldpath::link::program::{self, Upload};
-use weldpath::link::{Event, Link, cause_words, fault_words, refusal_words, state_words};
+use weldpath::output::json;
+use weldpath::pendant::link::program;
+use weldpath::pendant::link::program::Upload;
+use weldpath::pendant::link::{Event, Link, cause_words, fault_words, refusal_words, state_words};
 use weldpath_core::interlock::State;
 use weldpath_core::wire::{Answer, Command, Field, Refusal, Telemetry};
 
@@ -63,7 +64,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     weld.watch()
 }
 
-fn read(program: &Path) -> Result<Vec<weldpath::toolpath::program::Waypoint>, Failure> {
+fn read(program: &Path) -> Result<Vec<weldpath::weld::program::Waypoint>, Failure> {
     let file = if program.is_dir() { program.join("path.json") } else { program.into() };
     let cannot = |why: String| {
         Failure::new(Exit::Input, format!("cannot read {}: {why}", file.display()))
@@ -143,7 +144,7 @@ impl<'a> Weld<'a> {
         Ok(event)
     }
 
-    fn gone(&self, error: weldpath::link::Error) -> Failure {
+    fn gone(&self, error: weldpath::pendant::link::Error) -> Failure {
         let place = self.state.map(|state| format!("; last known {}", self.place(&state)));
         let failure = lost(error);
         Failure { message: format!("{}{}", failure.message, place.unwrap_or_default()), ..failure }

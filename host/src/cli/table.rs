@@ -3,12 +3,12 @@
 use std::fmt::Write;
 use std::path::Path;
 
-use weldpath::export::summary::Source;
+use weldpath::output::summary::Source;
 use weldpath::pipeline::{Plan, ViewReport};
-use weldpath::postprocessing::Output;
+use weldpath::run::postprocessing::Output;
 use weldpath::seam::Seam;
 use weldpath::seam::dimension::Dimension;
-use weldpath::toolpath::position::Position;
+use weldpath::weld::position::Position;
 
 /// Seams, what was derived, warnings, and where the files are.
 pub(super) fn result(plan: &Plan, output: &Output, source: &Source, out: &Path) -> String {
@@ -90,12 +90,12 @@ fn significant(value: f64) -> String {
 mod tests {
     use super::*;
     use nalgebra::{Point3, UnitQuaternion, Vector3};
-    use weldpath::cloud::PointCloud;
-    use weldpath::job::Job;
+    use weldpath::geometry::cloud::PointCloud;
     use weldpath::pipeline::Derived;
-    use weldpath::postprocessing::postprocess;
+    use weldpath::run::job::Job;
+    use weldpath::run::postprocessing::postprocess;
     use weldpath::seam::{Joint, Station};
-    use weldpath::toolpath::{PathPoint, Process, SeamPath};
+    use weldpath::weld::{PathPoint, Process, SeamPath};
 
     fn plan() -> Plan {
         let at = |x| Point3::new(x, 0.0, 0.0);

@@ -1,9 +1,9 @@
 //! Options of `weldpath plan` that say how the seams are welded: the frequent ones of the job file's.
 
 use super::{Exit, Failure};
-use weldpath::job::Job;
-use weldpath::job::layer::{Direction, Pattern, WeaveShape};
-use weldpath::job::quantity::{
+use weldpath::run::job::Job;
+use weldpath::run::job::layer::{Direction, Pattern, WeaveShape};
+use weldpath::run::job::quantity::{
     AmplitudeMm, ExtendMm, LeadMm, PitchMm, StitchMm, Tacks, TravelAngleDeg, WavelengthMm, WorkAngleDeg,
 };
 

@@ -1,12 +1,13 @@
 //! Seams sought in voxels of one size, and in larger ones until some show (ours; the paper has one size, typed by hand).
 
 use super::{Clock, Config, Error, Method, Observer, no_seam};
-use crate::cloud::{Merged, PointCloud, View};
-use crate::downsampling::{self, Scale, Voxels};
-use crate::grid::Grid;
-use crate::reconstruction::Registration;
+use crate::geometry::cloud::{Merged, PointCloud, View};
+use crate::geometry::grid::Grid;
+use crate::model::downsampling;
+use crate::model::downsampling::{Scale, Voxels};
+use crate::model::reconstruction::Registration;
+use crate::model::{denoising, orientation};
 use crate::seam::{self, Found, Input, Seam, Trial, edges};
-use crate::{denoising, orientation};
 
 /// Registered views, in which seams are sought.
 pub(super) struct Scan<'a> {

@@ -3,12 +3,12 @@
 use super::histogram::Histogram;
 use super::points::{self, INTENSITY_FULL, Layer};
 use super::{Run, colour};
-use crate::export::summary::Summary;
-use crate::job::Method;
+use crate::output::summary::Summary;
 use crate::pipeline::Plan;
+use crate::run::job::Method;
 use crate::seam::Seam;
-use crate::toolpath::air;
-use crate::toolpath::program::{Kind, Waypoint};
+use crate::weld::air;
+use crate::weld::program::{Kind, Waypoint};
 use nalgebra::{Point3, Vector3};
 use serde::Serialize;
 

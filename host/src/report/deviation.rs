@@ -1,7 +1,7 @@
 //! How far a plan is from the truth, point by point, for the page.
 
 use super::content::rounded;
-use crate::evaluation::{Deviation, Options, PathSet, Score, Truth, deviations, score};
+use crate::lab::evaluation::{Deviation, Options, PathSet, Score, Truth, deviations, score};
 use serde::Serialize;
 
 #[derive(Serialize)]

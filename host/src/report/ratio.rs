@@ -57,9 +57,9 @@ pub(super) fn sampled(evidence: &Evidence) -> Vec<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cloud::{Merged, PointCloud};
-    use crate::downsampling::Voxels;
-    use crate::grid::Grid;
+    use crate::geometry::cloud::{Merged, PointCloud};
+    use crate::geometry::grid::Grid;
+    use crate::model::downsampling::Voxels;
     use crate::seam::{edges, paper};
     use nalgebra::Point3;
 

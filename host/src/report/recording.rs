@@ -5,8 +5,8 @@
 use super::histogram::Histogram;
 use super::points::{Frame, Sample};
 use super::ratio;
-use crate::cloud::{Merged, PointCloud};
-use crate::grid::Grid;
+use crate::geometry::cloud::{Merged, PointCloud};
+use crate::geometry::grid::Grid;
 use crate::pipeline::Evidence;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -140,7 +140,7 @@ fn spacings_mm(merged: &Merged, index: &Grid, edge_mm: f32) -> Vec<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::downsampling::Voxels;
+    use crate::model::downsampling::Voxels;
 
     #[test]
     fn a_sample_is_even_and_without_repetition() {

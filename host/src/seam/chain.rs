@@ -6,7 +6,7 @@
 
 use super::corner::Corner;
 use super::wedge;
-use crate::grid::Grid;
+use crate::geometry::grid::Grid;
 use nalgebra::{Point3, Vector3};
 
 /// How traces walk, in voxels and degrees.

@@ -3,9 +3,9 @@
 //! The paper's edge points lie 0.65 to 0.9 mm out of a 90 degree corner. Here the points around a candidate are split into two
 //! planes by a few rounds of assignment and fit; the candidate is moved onto the line in which they intersect.
 
-use crate::grid::Grid;
-use crate::grid::lanes::LANES;
-use crate::normals::Moments;
+use crate::geometry::grid::Grid;
+use crate::geometry::grid::lanes::LANES;
+use crate::model::normals::Moments;
 use nalgebra::{Point3, Vector3};
 use wide::f32x8;
 

@@ -4,10 +4,10 @@
 //! flat noise for edges; and the sign of the asymmetry, which tells an inside corner from an outside one. A test holds
 //! every step to core's functions; a neighbourhood here has no capacity, and no least number of points.
 
-use crate::downsampling::Voxels;
-use crate::grid::Grid;
-use crate::grid::lanes::exp;
-use crate::grid::sweep::{Around, Eight};
+use crate::geometry::grid::Grid;
+use crate::geometry::grid::lanes::exp;
+use crate::geometry::grid::sweep::{Around, Eight};
+use crate::model::downsampling::Voxels;
 use nalgebra::{Point3, Vector3};
 use weldpath_core::seam::Tensor;
 use weldpath_core::seam::gradient::MIN_SHARE;
@@ -37,7 +37,7 @@ pub fn score(voxels: &Voxels, grid: &Grid, asymmetries: &[Vector3<f32>]) -> Scor
         scores.intensity[k] = shift.norm();
         scores.concavity[k] = shift.dot(&voxels.toward_camera[k]);
     }
-    let median = crate::normals::median(&mut scores.intensity.clone());
+    let median = crate::model::normals::median(&mut scores.intensity.clone());
     scores.gate = (1.8 * median).clamp(FLAT, CORNER);
     scores
 }

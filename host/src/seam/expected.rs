@@ -4,8 +4,8 @@
 //! The covariance of all poses is carried through the shares and through the intersection of the two faces.
 
 use super::refine::Refined;
-use crate::cloud::Merged;
-use crate::reconstruction::Registration;
+use crate::geometry::cloud::Merged;
+use crate::model::reconstruction::Registration;
 use nalgebra::{DMatrix, Matrix2, Matrix3, Matrix3x2, RowDVector, Vector3, Vector6};
 
 /// Errors of the method itself that no covariance knows, mm and rad.

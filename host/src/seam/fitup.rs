@@ -14,7 +14,7 @@ use super::dimension::{Dimension, Quantity, Value};
 use super::expected::Expected;
 use super::refine::Refined;
 use super::{Input, Joint};
-use crate::grid::Grid;
+use crate::geometry::grid::Grid;
 
 /// What a joint is measured from.
 pub struct Evidence<'a> {

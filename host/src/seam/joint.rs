@@ -2,8 +2,8 @@
 
 use super::Joint;
 use super::refine::Refined;
-use crate::cloud::PointCloud;
-use crate::grid::Grid;
+use crate::geometry::cloud::PointCloud;
+use crate::geometry::grid::Grid;
 use nalgebra::Vector3;
 
 /// What was seen of a seam's cross-section.
@@ -64,7 +64,7 @@ fn lip_mm(seam: &Refined, k: usize, model: &PointCloud, grid: &Grid, voxel_mm: f
         let end = (from..steps).find(|&step| !goes_on(step as f32 * voxel_mm)).unwrap_or(steps);
         lips.push((end as f32 - 2.0) * voxel_mm);
     }
-    crate::normals::median(&mut lips)
+    crate::model::normals::median(&mut lips)
 }
 
 /// Mean normal, in the frame of the seam's middle cross-section, of the surface that begins where face `k` ends.

@@ -5,7 +5,7 @@
 
 use super::chain::{Chain, Link};
 use super::wedge;
-use crate::grid::Grid;
+use crate::geometry::grid::Grid;
 use nalgebra::Vector3;
 
 /// Longest stretch that is closed, as a share of the chain.

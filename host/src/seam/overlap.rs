@@ -2,7 +2,7 @@
 
 use super::refine::Refined;
 use super::section::Frame;
-use crate::grid::Grid;
+use crate::geometry::grid::Grid;
 
 /// Two stations are the same place within this distance, voxels, and these angles' cosines.
 const NEAR_VOXELS: f32 = 2.0;

@@ -2,8 +2,8 @@
 //! points ordered as they come, the normal of the surroundings as the torch axis.
 
 use super::{Found, INDEX_VOXELS, Input, Joint, Seam, Station, edges};
-use crate::cloud::PointCloud;
-use crate::grid::Grid;
+use crate::geometry::cloud::PointCloud;
+use crate::geometry::grid::Grid;
 use nalgebra::Vector3;
 use weldpath_core::seam::{RatioThreshold, Tensor};
 

@@ -1,8 +1,8 @@
 //! Points beside a seam in the seam's own coordinates: along it, and out along and off each face (ours).
 
-use crate::cloud::Merged;
-use crate::grid::Grid;
-use crate::grid::rows::bounds;
+use crate::geometry::cloud::Merged;
+use crate::geometry::grid::Grid;
+use crate::geometry::grid::rows::bounds;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use std::ops::Range;

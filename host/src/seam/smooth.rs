@@ -90,8 +90,9 @@ impl<const D: usize> Samples<'_, D> {
         };
         let misses: Vec<Vec<Miss>> = curves.par_iter().map(|&c| self.misses(c, fitting)).collect();
         // Large misses are outliers, not evidence; one bound for all, or soft curves would hide theirs.
-        let middle =
-            |m: &Vec<Miss>| crate::normals::median(&mut m.iter().map(|x| x.squared).collect::<Vec<_>>());
+        let middle = |m: &Vec<Miss>| {
+            crate::model::normals::median(&mut m.iter().map(|x| x.squared).collect::<Vec<_>>())
+        };
         let cap = 9.0 * misses.iter().map(middle).fold(f64::INFINITY, f64::min);
         let errors: Vec<Vec<f64>> =
             misses.iter().map(|m| block_errors(m, cap, n.div_ceil(fitting))).collect();

@@ -2,7 +2,7 @@
 
 use super::chain::{Chain, Link};
 use super::wedge;
-use crate::grid::Grid;
+use crate::geometry::grid::Grid;
 
 /// Farthest gap and overlap between two ends, and farthest that they may lie beside each other, voxels.
 const GAP_VOXELS: f32 = 8.0;

@@ -10,8 +10,8 @@ use super::face::{self, Fit, Sample};
 use super::refine::{self, Path, Refined, Section, Station, cross_section};
 use super::section::{Beside, beside, near_path};
 use super::stretch;
-use crate::cloud::{Merged, PointCloud};
-use crate::grid::Grid;
+use crate::geometry::cloud::{Merged, PointCloud};
+use crate::geometry::grid::Grid;
 use nalgebra::{Point3, Vector2, Vector3};
 use rayon::prelude::*;
 
@@ -213,10 +213,10 @@ fn layers(
     if heights.is_empty() {
         return None;
     }
-    let height_mm = crate::normals::median(&mut heights);
+    let height_mm = crate::model::normals::median(&mut heights);
     // No wider than the noise: the side of a plate that was sampled would pass for more of its top.
     let mut misses: Vec<f32> = heights.iter().map(|up| (up - height_mm).abs()).collect();
-    let noise_mm = 1.4826 * crate::normals::median(&mut misses);
+    let noise_mm = 1.4826 * crate::model::normals::median(&mut misses);
     if scan.of_cameras && noise_mm < QUANTISED * height_mm {
         return None;
     }

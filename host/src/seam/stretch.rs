@@ -2,7 +2,7 @@
 
 use super::refine::{Config, Path, Refined, Section, Station, cross_section, frames, resampled};
 use super::smooth::Samples;
-use crate::normals::median;
+use crate::model::normals::median;
 use nalgebra::{Vector2, Vector3};
 use std::ops::Range;
 

@@ -3,9 +3,9 @@
 //! Where a plate lies on the table, its edge makes a true inside corner that nobody welds; only knowing the table tells
 //! it apart. The support is the largest plane that has (almost) nothing behind it.
 
-use crate::cloud::PointCloud;
-use crate::downsampling::Voxels;
-use crate::normals::Moments;
+use crate::geometry::cloud::PointCloud;
+use crate::model::downsampling::Voxels;
+use crate::model::normals::Moments;
 use nalgebra::{Matrix2, Point3, Vector2, Vector3};
 use rayon::prelude::*;
 

@@ -1,6 +1,6 @@
 //! What stands in the air of a corner (ours): a seam does not go on through a plate that crosses it.
 
-use crate::grid::Grid;
+use crate::geometry::grid::Grid;
 use nalgebra::{Point3, Vector3};
 
 /// Where the air of a corner is looked at: this far from the line along the bisector, voxels.

@@ -3,7 +3,7 @@
 use std::io;
 use std::time::{Duration, Instant};
 
-use weldpath::serial::Line;
+use weldpath::pendant::serial::Line;
 use weldpath_core::sender::{self, Notice, Sender};
 use weldpath_core::wire::frame::{self, Received};
 use weldpath_core::wire::{

@@ -4,7 +4,8 @@ use std::io;
 use std::sync::mpsc::Receiver;
 use std::time::{Duration, Instant};
 
-use weldpath::emulator::{self, Inputs, Seen};
+use weldpath::pendant::emulator;
+use weldpath::pendant::emulator::{Inputs, Seen};
 
 use super::PATIENCE;
 

@@ -3,7 +3,7 @@
 use super::super::colour::on_ramp;
 use super::super::content::Scene;
 use super::{HEIGHT, Projection, WIDTH};
-use crate::cloud::PointCloud;
+use crate::geometry::cloud::PointCloud;
 use nalgebra::Vector3;
 
 /// Pixels of the image per px of the picture.

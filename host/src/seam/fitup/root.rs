@@ -8,7 +8,7 @@
 
 use super::sight::{Faces, Pierced, Sight, sights};
 use super::{Evidence, Input, Refined};
-use crate::normals::median;
+use crate::model::normals::median;
 use crate::seam::Joint;
 use crate::seam::dimension::Value;
 use crate::seam::face::{self, Sample};

@@ -3,8 +3,8 @@
 //! Noise of a depth camera lies along the ray, so where a ray pierces a face is known far better than the point itself:
 //! that is what makes the end of a face sharp.
 
-use crate::cloud::Merged;
-use crate::grid::Grid;
+use crate::geometry::cloud::Merged;
+use crate::geometry::grid::Grid;
 use crate::seam::refine::Refined;
 use crate::seam::section::foot;
 use rayon::prelude::*;

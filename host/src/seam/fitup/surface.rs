@@ -3,7 +3,7 @@
 //! They are flat and wide, so the thinned model serves: its points are averages of the raw ones.
 
 use super::Evidence;
-use crate::normals::median;
+use crate::model::normals::median;
 use crate::seam::section::Frame;
 use nalgebra::Vector3;
 

@@ -1,0 +1,351 @@
+//! Reads what a camera saw: everything that turns INPUT into [`View`]s in millimetres.
+//!
+//! INPUT is a folder with `scan.json` (or that file), a folder of depth images with a trajectory, or one file:
+//! PLY, PCD, XYZ/CSV, STL, OBJ, a 16-bit depth PNG, or, with the features of these names, E57 and LAS/LAZ. The content
+//! decides the kind, the extension only where the content has no mark of its own. This module is the only place where
+//! metres appear: [`Units`] says how they are known.
+//! Nothing here trusts a count in a header: it is held against the size of the file before anything is allocated.
+
+mod depth;
+mod direction;
+#[cfg(feature = "e57")]
+mod e57;
+mod fast;
+mod frame;
+mod kind;
+#[cfg(feature = "las")]
+mod las;
+mod manifest;
+mod mesh;
+mod pcd;
+mod ply;
+mod raw;
+mod stl;
+mod text;
+mod trajectory;
+mod transform;
+mod units;
+
+use std::path::{Path, PathBuf};
+
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+
+use crate::geometry::cloud::View;
+use kind::Kind;
+use raw::Raw;
+pub use units::{Units, UnknownUnits};
+
+/// How INPUT is read.
+#[derive(Debug, Clone, Default)]
+pub struct Options {
+    /// Unit of the coordinates in INPUT; `Auto` asks the file, then the size of what it holds.
+    pub units: Units,
+}
+
+/// What was read, and how it was understood.
+#[derive(Debug, Clone)]
+pub struct Scan {
+    /// One per camera pose; never empty, and no view is empty.
+    pub views: Vec<View>,
+    /// What was derived and how, such as `units: metres (extent 0.6)`.
+    pub notes: Vec<String>,
+    /// What the user should know.
+    pub warnings: Vec<String>,
+    /// Files read, in the order of reading.
+    pub inputs: Vec<PathBuf>,
+}
+
+/// Why INPUT could not be read: the file, the place in it, and a way out.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The file system refuses.
+    #[error("{path}: cannot be read: {source}. {help}", path = path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+        /// A way out.
+        help: &'static str,
+    },
+    /// No reader knows this file.
+    #[error(
+        "{path}: neither its content nor its extension names a known kind. {help}",
+        path = path.display()
+    )]
+    UnknownKind {
+        /// The file.
+        path: PathBuf,
+        /// A way out.
+        help: &'static str,
+    },
+    /// The file holds no point.
+    #[error("{path}: holds no point: {reason}. Scan again, or check how the file was written.", path = path.display())]
+    Empty {
+        /// The file.
+        path: PathBuf,
+        /// What it holds instead.
+        reason: String,
+    },
+    /// The header promises more than the file can hold.
+    #[error(
+        "{path}: {place}: {claimed} {what} are claimed, but the {available} bytes that follow hold at most \
+         {possible}. The file is cut off or its header is wrong: copy or export it again.",
+        path = path.display()
+    )]
+    Oversized {
+        /// The file.
+        path: PathBuf,
+        /// Field of the header.
+        place: String,
+        /// What is counted: points, triangles, pixels.
+        what: &'static str,
+        /// Count in the header.
+        claimed: u64,
+        /// Bytes left after the header.
+        available: u64,
+        /// Largest count that they could hold.
+        possible: u64,
+    },
+    /// The file breaks the rules of its kind.
+    #[error("{path}: {place}: {problem}. {help}", path = path.display())]
+    Malformed {
+        /// The file.
+        path: PathBuf,
+        /// Line, byte, field or view.
+        place: String,
+        /// What is wrong there.
+        problem: String,
+        /// A way out.
+        help: String,
+    },
+}
+
+impl Error {
+    fn malformed(
+        path: &Path,
+        place: impl Into<String>,
+        problem: impl Into<String>,
+        help: impl Into<String>,
+    ) -> Self {
+        let (place, problem, help) = (place.into(), problem.into(), help.into());
+        let problem = problem.trim_end_matches(['.', ' ', '\n']).into();
+        Self::Malformed { path: path.into(), place, problem, help }
+    }
+
+    fn empty(path: &Path, reason: impl Into<String>) -> Self {
+        Self::Empty { path: path.into(), reason: reason.into() }
+    }
+}
+
+/// Reads a folder or a file.
+///
+/// # Errors
+/// Names the file, the place in it and a way out.
+pub fn read(input: &Path, options: &Options) -> Result<Scan, Error> {
+    let scan_json = input.join(manifest::NAME);
+    if scan_json.is_file() {
+        return manifest::read(&scan_json, options);
+    }
+    if input.is_dir() {
+        return trajectory::read_folder(input, options);
+    }
+    if let Some(raw) = fast::read(input) {
+        return single(raw, input, options);
+    }
+    let bytes = read_file(input)?;
+    if kind::of(&bytes, input) == Some(Kind::Json) {
+        return manifest::read(input, options);
+    }
+    read_bytes(bytes, input, options)
+}
+
+/// Reads one cloud, mesh or depth image that is already in memory; `path` names it in messages and lends its extension.
+///
+/// # Errors
+/// As [`read`]; a `scan.json` is refused, since it needs the files beside it.
+pub fn read_bytes(bytes: Vec<u8>, path: &Path, options: &Options) -> Result<Scan, Error> {
+    match kind_of(&bytes, path)? {
+        Kind::Png => depth::read_single(&bytes, path),
+        #[cfg(feature = "e57")]
+        Kind::E57 => e57::read(bytes, path, options),
+        kind => single(parse(bytes, kind, path)?, path, options),
+    }
+}
+
+fn kind_of(bytes: &[u8], path: &Path) -> Result<Kind, Error> {
+    if bytes.is_empty() {
+        return Err(Error::empty(path, "the file has 0 bytes"));
+    }
+    kind::of(bytes, path).ok_or_else(|| Error::UnknownKind { path: path.into(), help: kind::help(path) })
+}
+
+/// The points of a PLY, PCD, XYZ/CSV, STL or OBJ file as they stand in it: its unit, its frame, nothing dropped.
+///
+/// # Errors
+/// As [`read`].
+pub fn points(path: &Path) -> Result<Vec<Point3<f32>>, Error> {
+    Ok(match parsed(path)?.positions {
+        raw::Positions::Single(points) => points,
+        raw::Positions::Double(points) => points.iter().map(|p| p.cast()).collect(),
+    })
+}
+
+/// What one file tells: its points, as they stand in it, and more.
+fn parsed(path: &Path) -> Result<Raw, Error> {
+    if let Some(raw) = fast::read(path) {
+        return Ok(raw);
+    }
+    let bytes = read_file(path)?;
+    let kind = kind_of(&bytes, path)?;
+    parse(bytes, kind, path)
+}
+
+/// The points of one file, as they stand in it.
+fn parse(bytes: Vec<u8>, kind: Kind, path: &Path) -> Result<Raw, Error> {
+    match kind {
+        Kind::Ply => ply::parse(&bytes, path),
+        Kind::Pcd => pcd::parse(&bytes, path),
+        Kind::Text => text::parse(&bytes, path),
+        Kind::Stl => stl::parse(bytes, path),
+        Kind::Obj => mesh::parse_obj(&bytes, path),
+        Kind::E57 => without_feature(path, "E57", "e57"),
+        #[cfg(feature = "las")]
+        Kind::Las => las::parse(bytes, path),
+        #[cfg(not(feature = "las"))]
+        Kind::Las => without_feature(path, "LAS", "las"),
+        Kind::Png | Kind::Json => Err(Error::malformed(
+            path,
+            "byte 0",
+            "a point cloud is needed here, this is another kind of file",
+            "Give a depth image as `depth`, a cloud as `cloud`.",
+        )),
+    }
+}
+
+/// A kind that this build leaves out, or that only stands alone.
+fn without_feature(path: &Path, kind: &str, feature: &str) -> Result<Raw, Error> {
+    let help = format!(
+        "Give the file itself as INPUT to a build with `--features {feature}`; or export it as PLY or PCD, for instance with \
+         CloudCompare"
+    );
+    Err(Error::malformed(path, "byte 0", format!("{kind} is not read here"), help))
+}
+
+/// A single file as INPUT: its unit and its frame are for us to find out.
+fn single(mut raw: Raw, path: &Path, options: &Options) -> Result<Scan, Error> {
+    let mut notes = std::mem::take(&mut raw.notes);
+    raw.clean(path, &mut notes)?;
+    let extent = raw.extent();
+    let mut warnings = Vec::new();
+    let mm_per_unit = units::decide(options.units, raw.unit, &extent, &mut notes, &mut warnings);
+    let view = if raw.triangles.is_empty() {
+        let camera = frame::camera_of(&raw, &extent, &mut notes);
+        view_of(raw, camera, extent.middle, mm_per_unit, path)
+    } else {
+        mesh::sample(&raw, &extent, mm_per_unit, path, &mut notes)?
+    };
+    Ok(Scan { views: vec![view], notes, warnings, inputs: vec![path.into()] })
+}
+
+/// A cloud as a view whose origin is the camera or, where none is known, the middle of the cloud. File units.
+fn view_of(
+    raw: Raw,
+    camera: Option<Vector3<f64>>,
+    middle: Vector3<f64>,
+    mm_per_unit: f64,
+    path: &Path,
+) -> View {
+    let origin = camera.unwrap_or_else(|| whole_mm(middle, mm_per_unit));
+    View {
+        name: name_of(path),
+        points_mm: raw.positions.relative_mm(origin, mm_per_unit),
+        normals: Vec::new(),
+        base_from_camera: translation(origin * mm_per_unit),
+        camera_known: camera.is_some(),
+    }
+}
+
+/// `at` rounded so that it is a whole number of millimetres: the shift itself then costs no accuracy.
+fn whole_mm(at: Vector3<f64>, mm_per_unit: f64) -> Vector3<f64> {
+    at.map(|c| (c * mm_per_unit).round() / mm_per_unit)
+}
+
+fn translation(to_mm: Vector3<f64>) -> Isometry3<f64> {
+    Isometry3::from_parts(Translation3::from(to_mm), UnitQuaternion::identity())
+}
+
+fn name_of(path: &Path) -> String {
+    path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned())
+}
+
+/// The whole of a regular file; a device or a pipe could be endless.
+fn read_file(path: &Path) -> Result<Vec<u8>, Error> {
+    let io = |source| Error::Io {
+        path: path.into(),
+        source,
+        help: "Check the path: INPUT is a folder with scan.json, or a PLY, PCD, XYZ/CSV, STL, OBJ or depth PNG file.",
+    };
+    let metadata = std::fs::metadata(path).map_err(io)?;
+    if !metadata.is_file() {
+        return Err(io(std::io::Error::other("not a regular file")));
+    }
+    std::fs::read(path).map_err(io)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read_text(text: &str) -> Result<Scan, Error> {
+        read_bytes(text.into(), Path::new("cloud.xyz"), &Options::default())
+    }
+
+    #[test]
+    fn a_cloud_far_from_the_origin_keeps_its_micrometres() {
+        let row =
+            |i: usize| format!("{:.4} {:.4} 1000000.5\n", 1e6 + i as f64 * 0.125, -2e6 + i as f64 * 0.001);
+        let options = Options { units: Units::Millimetres };
+        let text: String = (0..400).map(row).collect();
+        let scan = read_bytes(text.into(), Path::new("far.xyz"), &options).unwrap();
+        let view = &scan.views[0];
+        assert!(!view.camera_known);
+        for (i, point) in view.points_mm.iter().enumerate() {
+            let base = view.base_from_camera * point.cast::<f64>();
+            let truth = nalgebra::Point3::new(1e6 + i as f64 * 0.125, -2e6 + i as f64 * 0.001, 1_000_000.5);
+            assert!((base - truth).norm() < 1e-5, "{base} {truth}");
+        }
+    }
+
+    #[test]
+    fn zeros_and_missing_readings_are_dropped_and_counted() {
+        let scan = read_text("0 0 0\n1 2 3\nnan 0 0\n0 0 0\n4 5 inf\n1e30 0 0\n7 8 9\n").unwrap();
+        assert_eq!(scan.views[0].points_mm.len(), 2);
+        let note = |text: &str| scan.notes.iter().any(|note| note.starts_with(text));
+        assert!(
+            note("dropped 3 of 7 points without") && note("dropped 2 of 7 points at exactly"),
+            "{:?}",
+            scan.notes
+        );
+        assert_eq!(read_text("0 0 0\n1 2 3\n").unwrap().views[0].points_mm.len(), 2);
+    }
+
+    #[test]
+    fn one_to_three_points_are_a_scan_and_none_is_not() {
+        for text in ["1 2 3\n", "1 2 3\n1 2 3\n", "0 0 0\n1 1 1\n2 2 2\n"] {
+            assert_eq!(read_text(text).unwrap().views[0].points_mm.len(), text.lines().count());
+        }
+        for text in ["", "nan nan nan\n", "0 0 0\n0 0 0\n", "# nothing\n"] {
+            assert!(matches!(read_text(text), Err(Error::Empty { .. })), "{text:?}");
+        }
+    }
+
+    #[test]
+    fn an_unknown_file_and_a_missing_one_name_a_way_out() {
+        let unknown =
+            read_bytes(vec![1, 2, 3], Path::new("part.xyz7"), &Options::default()).unwrap_err().to_string();
+        assert!(unknown.contains("part.xyz7") && unknown.contains("PLY"), "{unknown}");
+        let missing = read(Path::new("no/such/cloud.ply"), &Options::default()).unwrap_err().to_string();
+        assert!(missing.contains("no/such/cloud.ply") && missing.contains("INPUT"), "{missing}");
+    }
+}

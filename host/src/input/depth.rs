@@ -1,0 +1,203 @@
+//! 16-bit depth images: each count that is not 0 becomes a point in front of a pinhole camera.
+//!
+//! All readings are kept, near or far: what is noise or background is for later stages to say.
+
+use std::io::Cursor;
+use std::path::Path;
+
+use nalgebra::{Isometry3, Point3};
+use png::{BitDepth, ColorType, Decoder};
+use serde::Deserialize;
+
+use super::{Error, Scan, fast, name_of};
+use crate::geometry::cloud::View;
+
+/// Pinhole intrinsics, in pixels, and the size of a count.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+pub(super) struct Camera {
+    pub width: u32,
+    pub height: u32,
+    pub fx: f64,
+    pub fy: f64,
+    pub cx: f64,
+    pub cy: f64,
+    /// Metres per count.
+    pub depth_scale_m: f64,
+}
+
+/// What a 640x480 image without intrinsics is taken for: the PrimeSense default of Open3D.
+pub(super) const PRIMESENSE: Camera =
+    Camera { width: 640, height: 480, fx: 525.0, fy: 525.0, cx: 319.5, cy: 239.5, depth_scale_m: 0.001 };
+
+/// Deflate grows its input by at most this (zlib's technical details).
+const DEFLATE_GROWTH: u64 = 1032;
+
+/// What a focal length or an image's centre can be, in pixels.
+const PIXELS: std::ops::RangeInclusive<f64> = 1.0..=1e6;
+
+impl Camera {
+    /// The first field that no camera can have, and why.
+    pub(super) fn fault(&self) -> Option<(&'static str, String)> {
+        let focal = [("fx", self.fx), ("fy", self.fy)].into_iter().find(|(_, v)| !PIXELS.contains(v));
+        let centre =
+            [("cx", self.cx), ("cy", self.cy)].into_iter().find(|(_, v)| !PIXELS.contains(&v.abs().max(1.0)));
+        if let Some((name, value)) = focal.or(centre) {
+            Some((name, format!("{value} is no number of pixels that a lens could have")))
+        } else if !(self.depth_scale_m.is_finite() && self.depth_scale_m > 0.0) {
+            Some(("depth_scale_m", format!("{} is not above 0", self.depth_scale_m)))
+        } else if self.depth_scale_m > 0.1 {
+            Some((
+                "depth_scale_m",
+                format!("{} m per count is too coarse for any scanner", self.depth_scale_m),
+            ))
+        } else {
+            None
+        }
+    }
+}
+
+/// The points of a depth image, mm, in the camera's frame: x right, y down, z forward.
+pub(super) fn points_mm(bytes: &[u8], camera: &Camera, path: &Path) -> Result<Vec<Point3<f32>>, Error> {
+    let counts = counts(bytes, camera, path)?;
+    let mm_per_count = camera.depth_scale_m * 1000.0;
+    let column = |u: u32| ((f64::from(u) - camera.cx) / camera.fx) as f32;
+    let columns: Vec<f32> = (0..camera.width).map(column).collect();
+    let mut points = Vec::with_capacity(counts.len() / 2);
+    for (v, row) in counts.chunks_exact(2 * columns.len()).enumerate() {
+        let y = ((v as f64 - camera.cy) / camera.fy) as f32;
+        for (pixel, x) in row.chunks_exact(2).zip(&columns) {
+            let count = u16::from_be_bytes([pixel[0], pixel[1]]);
+            if count > 0 {
+                let z = (f64::from(count) * mm_per_count) as f32;
+                points.push(Point3::new(x * z, y * z, z));
+            }
+        }
+    }
+    Ok(points)
+}
+
+/// The image as PNG stores it: two bytes a pixel, the high one first.
+fn counts(bytes: &[u8], camera: &Camera, path: &Path) -> Result<Vec<u8>, Error> {
+    let damaged = |e: png::DecodingError| {
+        Error::malformed(
+            path,
+            "PNG data",
+            e.to_string(),
+            "The image is cut off or damaged: copy or export it again",
+        )
+    };
+    let mut decoder = Decoder::new(Cursor::new(bytes));
+    decoder.set_ignore_text_chunk(true);
+    decoder.set_ignore_iccp_chunk(true);
+    let header = decoder.read_header_info().map_err(damaged)?;
+    if (header.color_type, header.bit_depth) != (ColorType::Grayscale, BitDepth::Sixteen) {
+        let found = format!("the image is {:?} with {:?} bits", header.color_type, header.bit_depth);
+        let help = "A depth image is 16-bit greyscale; a colour picture of the depth has lost it";
+        return Err(Error::malformed(path, "PNG header", found, help));
+    }
+    if (header.width, header.height) != (camera.width, camera.height) {
+        let problem = format!(
+            "the image is {}x{}, the camera {}x{}",
+            header.width, header.height, camera.width, camera.height
+        );
+        let help = "Give the intrinsics of the depth stream in scan.json, not those of the colour stream";
+        return Err(Error::malformed(path, "PNG header", problem, help));
+    }
+    let pixels = u64::from(header.width) * u64::from(header.height);
+    let most = (bytes.len() as u64).saturating_mul(DEFLATE_GROWTH);
+    fast::check_count(pixels, 2, usize::try_from(most).unwrap_or(usize::MAX), "pixels", "PNG header", path)?;
+    let mut reader = decoder.read_info().map_err(damaged)?;
+    let mut counts = vec![0; 2 * pixels as usize];
+    reader.next_frame(&mut counts).map_err(damaged)?;
+    Ok(counts)
+}
+
+/// A depth image alone, with nothing that says what camera took it.
+pub(super) fn read_single(bytes: &[u8], path: &Path) -> Result<Scan, Error> {
+    let points_mm = points_mm(bytes, &PRIMESENSE, path)?;
+    if points_mm.is_empty() {
+        return Err(Error::empty(path, "every pixel is 0, the mark of no reading"));
+    }
+    let view = View {
+        name: name_of(path),
+        points_mm,
+        normals: Vec::new(),
+        base_from_camera: Isometry3::identity(),
+        camera_known: true,
+    };
+    Ok(Scan {
+        views: vec![view],
+        notes: vec!["frame: the camera's, since no pose is given".into()],
+        warnings: vec![assumed_camera()],
+        inputs: vec![path.into()],
+    })
+}
+
+/// The warning that goes with [`PRIMESENSE`].
+pub(super) fn assumed_camera() -> String {
+    let Camera { fx, cx, cy, depth_scale_m, .. } = PRIMESENSE;
+    format!(
+        "no intrinsics are given: taken are those of a PrimeSense camera (f {fx}, c {cx} {cy}, {depth_scale_m} m per \
+         count); sizes are wrong if it was another, so write a scan.json with its `camera`"
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CAMERA: Camera =
+        Camera { width: 3, height: 2, fx: 2.0, fy: 4.0, cx: 1.0, cy: 0.5, depth_scale_m: 0.0005 };
+
+    fn png(width: u32, height: u32, color: ColorType, depth: BitDepth, data: &[u8]) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        let mut encoder = png::Encoder::new(&mut bytes, width, height);
+        encoder.set_color(color);
+        encoder.set_depth(depth);
+        encoder.write_header().unwrap().write_image_data(data).unwrap();
+        bytes
+    }
+
+    fn grey(counts: &[u16; 6]) -> Vec<u8> {
+        let data: Vec<u8> = counts.iter().flat_map(|c| c.to_be_bytes()).collect();
+        png(3, 2, ColorType::Grayscale, BitDepth::Sixteen, &data)
+    }
+
+    #[test]
+    fn a_count_becomes_a_point_on_the_ray_of_its_pixel() {
+        let points = points_mm(&grey(&[0, 0, 1000, 65535, 0, 1]), &CAMERA, Path::new("d.png")).unwrap();
+        let expected = [[250.0, -62.5, 500.0], [-16383.75, 4095.9375, 32767.5], [0.25, 0.0625, 0.5]];
+        assert_eq!(points, expected.map(Point3::from));
+    }
+
+    #[test]
+    fn images_that_hold_no_depth_are_refused() {
+        let refused = |bytes: &[u8], camera: &Camera, problem: &str| {
+            let error = points_mm(bytes, camera, Path::new("d.png")).unwrap_err().to_string();
+            assert!(error.contains("d.png") && error.contains(problem), "{error}");
+        };
+        refused(&png(3, 2, ColorType::Grayscale, BitDepth::Eight, &[0; 6]), &CAMERA, "Eight bits");
+        refused(&png(3, 2, ColorType::Rgb, BitDepth::Sixteen, &[0; 36]), &CAMERA, "Rgb");
+        refused(&grey(&[1; 6]), &Camera { width: 4, ..CAMERA }, "the image is 3x2, the camera 4x2");
+        let whole = grey(&[1, 2, 3, 4, 5, 6]);
+        refused(&whole[..whole.len() - 20], &CAMERA, "PNG data");
+        let mut huge = whole.clone();
+        huge[16..24].copy_from_slice(&[0, 0, 0xff, 0xff, 0, 0, 0xff, 0xff]);
+        huge[29..33].copy_from_slice(&0x7f08_8c67u32.to_be_bytes());
+        refused(&huge, &Camera { width: 65535, height: 65535, ..CAMERA }, "PNG");
+    }
+
+    #[test]
+    fn a_camera_that_cannot_be_is_named_by_its_field() {
+        assert_eq!(CAMERA.fault(), None);
+        for (camera, field) in [
+            (Camera { fx: 0.0, ..CAMERA }, "fx"),
+            (Camera { fy: f64::NAN, ..CAMERA }, "fy"),
+            (Camera { cx: f64::INFINITY, ..CAMERA }, "cx"),
+            (Camera { depth_scale_m: -1.0, ..CAMERA }, "depth_scale_m"),
+            (Camera { depth_scale_m: 1.0, ..CAMERA }, "depth_scale_m"),
+        ] {
+            assert_eq!(camera.fault().map(|(field, _)| field), Some(field));
+        }
+    }
+}

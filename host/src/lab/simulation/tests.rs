@@ -1,0 +1,187 @@
+//! What is true of every simulated scan.
+
+use super::*;
+use nalgebra::{Point3, Vector3};
+
+fn small(part: Part) -> Request {
+    Request { width: 160, height: 120, noise: Noise::None, ..Request::new(part, 5) }
+}
+
+/// Distance from a point to the nearest surface along the camera's line of sight through it.
+fn gap_mm(scene: &Scene, eye: Point3<f64>, point: Point3<f64>) -> f64 {
+    let sight = point - eye;
+    scene.cast(eye, sight).map_or(f64::INFINITY, |hit| (hit.distance - 1.0).abs() * sight.norm())
+}
+
+#[test]
+fn without_noise_every_reading_lies_on_the_scene_at_the_reported_pose() {
+    for part in Part::ALL {
+        let request = small(part);
+        let scene = stage(&request).unwrap().scene;
+        let scan = simulate(&request).unwrap();
+        for view in &scan.views {
+            let base_from_camera = view.base_from_flange.isometry() * scan.flange_from_camera;
+            let eye = Point3::from(base_from_camera.translation.vector);
+            for point in view.image.points_mm(&scan.camera).iter().step_by(37) {
+                let far_mm = gap_mm(&scene, eye, base_from_camera * point);
+                assert!(far_mm < 0.04, "{part}: {far_mm} mm off the surface");
+            }
+        }
+    }
+}
+
+#[test]
+fn the_truth_lies_where_two_surfaces_meet() {
+    for part in Part::ALL {
+        let Stage { scene, truth, .. } = stage(&small(part)).unwrap();
+        for seam in truth.seams.iter().filter(|s| s.required) {
+            for i in (5..seam.p.len() - 5).step_by(11) {
+                let [p, a, b] = [seam.p[i], seam.normal_a[i], seam.normal_b[i]].map(Vector3::from);
+                for (face, other) in [(a, b), (b, a)] {
+                    let away = (other - face * other.dot(&face)).normalize();
+                    let on_face = Point3::from(p + away * 3.0);
+                    let hit = scene.cast(on_face + face, -face).expect("a face beside the seam");
+                    // A chord of 3 mm leaves a cylinder of 29 mm radius by 0.16 mm.
+                    let far_mm = (hit.distance - 1.0).abs();
+                    assert!(far_mm < 0.2, "{part} {}: face is {far_mm} mm from the truth", seam.name);
+                    assert!(hit.normal.dot(&face) > 0.98, "{part} {}: face normal", seam.name);
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn torch_and_tangent_are_unit_and_perpendicular() {
+    for part in Part::ALL {
+        for seam in stage(&small(part)).unwrap().truth.seams {
+            for (n, t) in seam.n.iter().zip(&seam.t) {
+                let (n, t) = (Vector3::from(*n), Vector3::from(*t));
+                assert!((n.norm() - 1.0).abs() < 1e-5 && (t.norm() - 1.0).abs() < 1e-5);
+                assert!(n.dot(&t).abs() < 1e-5, "{part} {}: {}", seam.name, n.dot(&t));
+            }
+        }
+    }
+}
+
+#[test]
+fn stations_are_a_millimetre_apart() {
+    for part in Part::ALL {
+        for seam in stage(&small(part)).unwrap().truth.seams {
+            for pair in seam.p.windows(2) {
+                let step = (Vector3::from(pair[1]) - Vector3::from(pair[0])).norm();
+                assert!((0.95..1.05).contains(&step), "{part} {}: {step} mm", seam.name);
+            }
+        }
+    }
+}
+
+#[test]
+fn good_views_see_most_of_every_required_seam_and_the_anchor_sees_it_too() {
+    for (part, pose) in Part::ALL.into_iter().flat_map(|part| Pose::ALL.map(|pose| (part, pose))) {
+        let request = Request { width: 640, height: 480, pose, ..small(part) };
+        for seam in stage(&request).unwrap().truth.seams.iter().filter(|s| s.required) {
+            let seen = seam.visible.iter().filter(|v| **v > 0).count() as f64 / seam.visible.len() as f64;
+            assert!(seen > 0.6, "{part} {pose} {}: {seen}", seam.name);
+        }
+    }
+}
+
+#[test]
+fn pose_errors_are_zero_for_the_anchor_and_1_to_3_mm_for_the_others() {
+    let request = Request { noise: Noise::Mid, width: 64, height: 48, ..Request::new(Part::Pipe, 9) };
+    let scan = simulate(&request).unwrap();
+    for (i, view) in scan.views.iter().enumerate() {
+        let said = view.base_from_flange.isometry() * scan.flange_from_camera;
+        let rows = scan.truth.true_cam[i];
+        let truth = Vector3::new(rows[0][3], rows[1][3], rows[2][3]);
+        let off_mm = (said.translation.vector - truth).norm();
+        match i {
+            0 => assert!(off_mm < 1e-9, "{off_mm}"),
+            _ => assert!((0.999..3.001).contains(&off_mm), "{off_mm}"),
+        }
+    }
+}
+
+#[test]
+fn the_same_request_gives_the_same_scan_and_another_seed_another() {
+    let request = Request { noise: Noise::Mid, width: 64, height: 48, ..Request::new(Part::Lap, 3) };
+    let (a, b) = (simulate(&request).unwrap(), simulate(&request).unwrap());
+    assert_eq!(a.views[1].image, b.views[1].image);
+    assert_eq!(a.truth, b.truth);
+    let other = simulate(&Request { seed: 4, ..request }).unwrap();
+    assert_ne!(a.views[1].image, other.views[1].image);
+    assert_ne!(a.truth.seams[0].p, other.truth.seams[0].p);
+}
+
+#[test]
+fn a_piece_without_a_seam_has_none_in_its_truth() {
+    for part in [Part::Plate, Part::Box] {
+        assert!(stage(&small(part)).unwrap().truth.seams.is_empty());
+    }
+}
+
+#[test]
+fn nonsense_is_refused_with_a_way_out() {
+    let refused = |request: &Request| stage(request).unwrap_err().to_string();
+    assert!("pip".parse::<Part>().unwrap_err().to_string().contains("pipe"));
+    assert!(refused(&Request { views: Some(0), ..small(Part::Lap) }).contains("between 1"));
+    assert!(refused(&Request { width: u32::MAX, ..small(Part::Lap) }).contains("width"));
+    assert!(refused(&Request { angle_deg: Some(f64::NAN), ..small(Part::ButtV) }).contains("angle"));
+    assert!(refused(&Request { angle_deg: Some(60.0), ..small(Part::Pipe) }).contains("butt-v"));
+    assert!(refused(&Request { length_mm: Some(200.0), ..small(Part::Pipe) }).contains("butt-v"));
+    assert!(refused(&Request { weak: true, ..small(Part::Pipe) }).contains("branch"));
+    let opening = |part, mm| Request { root_opening_mm: Some(mm), ..small(part) };
+    assert!(refused(&opening(Part::Pipe, 1.0)).contains("butt-v"));
+    assert!(refused(&opening(Part::ButtV, -0.1)).contains("root opening"));
+}
+
+/// Least eigenvalue of the mean of n nᵀ over what a view sees of the piece: 0 if a direction is not tied down.
+fn least_information(stage: &Stage, view: usize) -> f64 {
+    let camera = Camera::with_size(160, 120);
+    let pose = &stage.base_from_camera[view];
+    let eye = Point3::from(pose.translation.vector);
+    let (mut sum, mut count) = (nalgebra::Matrix3::zeros(), 0.0);
+    for (row, column) in (0..120).flat_map(|row| (0..160).map(move |column| (row, column))) {
+        let sight = pose.rotation * camera.ray(f64::from(column), f64::from(row));
+        let Some(hit) = stage.scene.cast(eye, sight) else { continue };
+        let is_table = (eye + sight * hit.distance).z < stage.scene.table_mm() + 0.01;
+        if !is_table && -hit.normal.dot(&sight) / sight.norm() > 0.2 {
+            sum += hit.normal * hit.normal.transpose();
+            count += 1.0;
+        }
+    }
+    (sum / f64::max(count, 1.0)).symmetric_eigenvalues().min()
+}
+
+#[test]
+fn where_seams_run_every_way_the_anchor_sees_faces_every_way_unless_placed_badly() {
+    for part in [Part::Pipe, Part::Saddle, Part::Branch, Part::Tacked, Part::Cruciform, Part::Box] {
+        let information = least_information(&stage(&small(part)).unwrap(), 0);
+        assert!(information > 0.02, "{part}: {information}");
+    }
+    let weak = stage(&Request { weak: true, ..small(Part::Tacked) }).unwrap();
+    assert!(least_information(&weak, 0) < 0.005);
+}
+
+#[test]
+fn the_first_two_views_of_a_weak_branch_share_no_upright_face() {
+    let weak = stage(&Request { weak: true, ..small(Part::Branch) }).unwrap();
+    let names = |view| -> Vec<&str> {
+        weak.truth.seams.iter().filter(|s| sees_a_face_of(&weak, view, s)).map(|s| s.name.as_str()).collect()
+    };
+    let (first, second) = (names(0), names(1));
+    assert!(!first.is_empty() && !second.is_empty());
+    assert!(first.iter().all(|name| !second.contains(name)), "{first:?} {second:?}");
+}
+
+/// Whether a view sees the wall beside the middle of a seam on the plate.
+fn sees_a_face_of(stage: &Stage, view: usize, seam: &crate::lab::evaluation::TruthSeam) -> bool {
+    let middle = seam.p.len() / 2;
+    let wall = Vector3::from(seam.normal_a[middle]);
+    let probe = Point3::from(Vector3::from(seam.p[middle]) + Vector3::z() * 15.0 + wall * 0.02);
+    let eye = Point3::from(stage.base_from_camera[view].translation.vector);
+    seam.name.starts_with("foot")
+        && wall.dot(&(eye - probe).normalize()) > 0.2
+        && stage.scene.is_free(probe, eye)
+}

@@ -1,0 +1,8 @@
+//! From the views of a camera to one model of the work (paper II-C, II-D): normals, registration, voxel grid, bilateral
+//! filter, and the orientation of normals where no camera is known.
+
+pub mod denoising;
+pub mod downsampling;
+pub mod normals;
+pub mod orientation;
+pub mod reconstruction;

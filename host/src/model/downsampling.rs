@@ -1,0 +1,264 @@
+//! Voxel grid (paper II-D, text after eq. (10)): even density after the views are merged.
+//!
+//! Exact centroids. Voxels with few points are dropped, which removes flying pixels and outliers.
+
+use crate::geometry::cloud::{Merged, PointCloud};
+use crate::model::normals::cells::{Cells, Sums};
+use crate::model::normals::{Patches, median};
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+/// How the voxel grid is laid: the larger of two lengths.
+#[derive(Debug, Clone, Copy)]
+pub struct Config {
+    /// Edge of a voxel in mean spacings of a view; the paper's "multiple of the average distance".
+    pub spacings: f32,
+    /// Edge of a voxel that resolves the plate edges and bevels of arc welding, mm, if that is more.
+    pub feature_mm: f32,
+    /// The same on small work, as a share of its extent.
+    pub share_of_extent: f32,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self { spacings: 1.3, feature_mm: 1.2, share_of_extent: 1.0 / 120.0 }
+    }
+}
+
+/// Sizes that follow from the data.
+#[derive(Debug, Clone, Copy)]
+pub struct Scale {
+    /// Edge of a voxel, mm.
+    pub edge_mm: f32,
+    /// Points that a voxel must hold.
+    pub least: u32,
+    /// Mean spacing of a view's points, mm.
+    pub spacing_mm: f32,
+    /// Noise of the points, mm.
+    pub noise_mm: f32,
+    /// Which of the lengths decided `edge_mm`.
+    pub how: &'static str,
+}
+
+impl Scale {
+    /// Derives the sizes from the views' patches and the extent of the cloud.
+    pub fn of(merged: &Merged, patches: &[Patches], config: &Config) -> Self {
+        let middle = |f: fn(&Patches) -> f32| median(&mut patches.iter().map(f).collect::<Vec<_>>());
+        let (spacing_mm, noise_mm) = (middle(|p| p.spacing_mm), middle(|p| p.noise_mm));
+        let small_mm = config.share_of_extent * extent_mm(merged);
+        let sizes = [
+            (config.spacings * spacing_mm, "1.3 x mean spacing"),
+            if small_mm < config.feature_mm {
+                (small_mm, "extent / 120")
+            } else {
+                (config.feature_mm, "what resolves plate edges and bevels")
+            },
+        ];
+        let (edge_mm, how) = sizes.into_iter().max_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((1.0, "fixed"));
+        let edge_mm = edge_mm.max(1e-3);
+        // A voxel of a surface that one view saw holds about this many points.
+        let usual = (edge_mm / spacing_mm.max(1e-6)).powi(2) * (merged.cameras_mm.len() as f32).sqrt();
+        let least = if usual > 4.5 {
+            3
+        } else if usual > 3.0 {
+            2
+        } else {
+            1
+        };
+        Self { edge_mm, least, spacing_mm, noise_mm, how }
+    }
+
+    /// The same cloud in voxels `factor` times as large.
+    pub fn coarser(&self, factor: f32) -> Self {
+        Self { edge_mm: self.edge_mm * factor, ..*self }
+    }
+
+    /// Widths of the bilateral filter for these voxels.
+    pub fn bilateral(&self) -> crate::model::denoising::Config {
+        crate::model::denoising::Config {
+            radius_mm: 3.0 * self.edge_mm,
+            distance_mm: 1.5 * self.edge_mm,
+            height_mm: (1.7 * self.noise_mm).max(0.05 * self.edge_mm),
+        }
+    }
+}
+
+/// Diagonal of the box that holds the middle four fifths of the points on each axis, mm: free of outliers.
+fn extent_mm(merged: &Merged) -> f32 {
+    let step = (merged.points_mm.len() / 20_000).max(1);
+    let span = |axis: usize| {
+        let mut v: Vec<f32> = merged.points_mm.iter().step_by(step).map(|p| p[axis]).collect();
+        v.sort_unstable_by(f32::total_cmp);
+        let cut = v.len() / 10;
+        v.get(v.len().saturating_sub(1 + cut)).unwrap_or(&0.0) - v.get(cut).unwrap_or(&0.0)
+    };
+    Vector3::new(span(0), span(1), span(2)).norm()
+}
+
+/// A thinned cloud.
+#[derive(Debug, Clone, Default)]
+pub struct Voxels {
+    /// One point per voxel, with the normal of its surroundings.
+    pub cloud: PointCloud,
+    /// Points in each voxel.
+    pub count: Vec<f32>,
+    /// Direction from each point to the cameras that saw it.
+    pub toward_camera: Vec<Vector3<f32>>,
+    /// View that most of each voxel's points are of.
+    pub view: Vec<u16>,
+    /// Edge of a voxel, mm.
+    pub edge_mm: f32,
+}
+
+impl Voxels {
+    /// Takes normals out of the material where no camera tells the sides: they are seen from where they point.
+    pub fn turn(&mut self, normals: Vec<Vector3<f32>>) {
+        self.toward_camera.clone_from(&normals);
+        self.cloud.normals = normals;
+    }
+}
+
+/// Centroids of the occupied voxels of finite `points`, in the order of the voxels along x, then y, then z: where
+/// [`voxel_grid`] puts its points.
+///
+/// Voxels have an edge of `edge_mm`, or more where their table would outgrow the points.
+pub fn centroids(points: &[Point3<f32>], edge_mm: f32) -> Vec<Point3<f32>> {
+    let cells = Cells::new(points, edge_mm);
+    (0..cells.len()).map(|k| cells.centroid(k)).collect()
+}
+
+/// Thins a cloud to one point per voxel of `edge_mm` that holds at least `least` points.
+pub fn voxel_grid(merged: &Merged, edge_mm: f32, least: u32) -> Voxels {
+    let cells = Cells::new(&merged.points_mm, edge_mm);
+    let given = given_normals(merged, &cells);
+    let kept: Vec<usize> = (0..cells.len()).filter(|&k| cells.moments[k].count >= least as f32).collect();
+    let points_mm: Vec<Point3<f32>> = kept.par_iter().map(|&k| cells.centroid(k)).collect();
+    let sums = cells.sums();
+    let sights = sights(merged, &cells, &kept, &points_mm);
+    let normals = if given.is_empty() {
+        let found = kept.par_chunks(2).map(|two| {
+            let [one, other] = [two[0], two[two.len() - 1]].map(|k| cells.window(k, &sums, 1));
+            Sums::scatter([&one, &other]).map(|fit| fit.normal())
+        });
+        let mut normals = found.collect::<Vec<_>>().into_flattened();
+        normals.truncate(kept.len());
+        normals.iter_mut().zip(&sights).for_each(|(normal, seen)| *normal = facing(*normal, &seen.toward));
+        normals
+    } else {
+        kept.iter().map(|&k| given[k]).collect()
+    };
+    Voxels {
+        cloud: PointCloud { origin_mm: merged.origin_mm, points_mm, normals },
+        count: kept.iter().map(|&k| cells.moments[k].count).collect(),
+        toward_camera: sights.iter().map(|seen| seen.toward).collect(),
+        view: sights.iter().map(|seen| seen.most.0).collect(),
+        edge_mm: cells.cell_mm(),
+    }
+}
+
+fn facing(normal: Vector3<f32>, toward: &Vector3<f32>) -> Vector3<f32> {
+    if normal.dot(toward) < 0.0 { -normal } else { normal }
+}
+
+fn direction(sum: &Vector3<f32>) -> Vector3<f32> {
+    sum.try_normalize(1e-6).unwrap_or_else(Vector3::z)
+}
+
+/// Mean of the given normals of each voxel's points; empty if none are given.
+fn given_normals(merged: &Merged, cells: &Cells) -> Vec<Vector3<f32>> {
+    if merged.normals.is_empty() {
+        return Vec::new();
+    }
+    let mut sums = vec![Vector3::zeros(); cells.len()];
+    cells.of_point.iter().zip(&merged.normals).for_each(|(&k, normal)| sums[k as usize] += normal);
+    sums.iter().map(direction).collect()
+}
+
+/// From where a voxel was seen.
+#[derive(Debug, Clone, Copy, Default)]
+struct Sight {
+    /// Directions to the cameras of its points: their sum, at last their mean.
+    toward: Vector3<f32>,
+    /// The view whose points are being counted.
+    latest: (u16, u32),
+    /// The view that most points are of.
+    most: (u16, u32),
+}
+
+impl Sight {
+    fn add(&mut self, view: u16, place: &Point3<f32>, cameras_mm: &[Point3<f32>]) {
+        if self.latest.0 != view {
+            self.end(place, cameras_mm);
+            self.latest = (view, 0);
+        }
+        self.latest.1 += 1;
+    }
+
+    /// Adds the points of the latest view.
+    fn end(&mut self, place: &Point3<f32>, cameras_mm: &[Point3<f32>]) {
+        let (view, count) = self.latest;
+        if count > 0 {
+            self.toward += (cameras_mm[usize::from(view)] - place).normalize() * count as f32;
+        }
+        if count > self.most.1 {
+            self.most = self.latest;
+        }
+    }
+}
+
+/// From where each of the `kept` voxels, whose points are at `places`, was seen.
+///
+/// Points come view by view, so a voxel's are counted until one of another view comes: a direction a view, not a point.
+fn sights(merged: &Merged, cells: &Cells, kept: &[usize], places: &[Point3<f32>]) -> Vec<Sight> {
+    let mut at = vec![u32::MAX; cells.len()];
+    kept.iter().zip(0..).for_each(|(&k, own)| at[k] = own);
+    let cameras_mm = &merged.cameras_mm;
+    let of_share = |share: usize| {
+        let cells_of = |share: usize| (share * cells.shares.cells).min(cells.len());
+        let of = |share: usize| kept.partition_point(|k| *k < cells_of(share));
+        let (first, places) = (of(share), &places[of(share)..of(share + 1)]);
+        let mut sights = vec![Sight::default(); places.len()];
+        cells.shares.visit(share, |i| {
+            let k = at[cells.of_point[i] as usize].wrapping_sub(first as u32) as usize;
+            if let (Some(sight), Some(place)) = (sights.get_mut(k), places.get(k)) {
+                sight.add(merged.view[i], place, cameras_mm);
+            }
+        });
+        for (sight, place) in sights.iter_mut().zip(places) {
+            sight.end(place, cameras_mm);
+            sight.toward = direction(&sight.toward);
+        }
+        sights
+    };
+    let shares = cells.len().div_ceil(cells.shares.cells);
+    (0..shares).into_par_iter().flat_map_iter(of_share).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_voxel_tells_which_view_saw_most_of_it_and_where_the_cameras_are() {
+        // Three points of the first view, two of the second and two of the third, all in one voxel.
+        let view = vec![0, 0, 0, 1, 1, 2, 2];
+        let cameras_mm = [[0.0, 0.0, 100.0], [100.0, 0.0, 0.0], [0.0, 100.0, 0.0]].map(Point3::from).to_vec();
+        let merged = Merged { points_mm: vec![Point3::origin(); 7], view, cameras_mm, ..Merged::default() };
+        let voxels = voxel_grid(&merged, 1.0, 1);
+        assert_eq!(voxels.view, [0]);
+        assert!((voxels.toward_camera[0] - Vector3::new(2.0, 2.0, 3.0).normalize()).norm() < 1e-6);
+    }
+
+    #[test]
+    fn a_centroid_is_the_mean_of_its_voxel_and_no_other() {
+        // Voxels are laid from the lowest corner, which is the first point.
+        let near = |x: f32, y: f32| [[0.0, 0.0], [0.5, 0.25], [0.25, 0.5]].map(|[u, v]| [x + u, y + v, 7.0]);
+        let voxels = [near(0.0, 0.0), near(2.0, 0.0), near(1.0, 3.0)];
+        let points: Vec<Point3<f32>> = voxels.into_iter().rev().flatten().map(Point3::from).collect();
+        let expected = [[0.25, 0.25, 7.0], [2.25, 0.25, 7.0], [1.25, 3.25, 7.0]].map(Point3::from);
+        let found = centroids(&points, 1.0);
+        assert_eq!(found.len(), 3);
+        assert!(found.iter().zip(&expected).all(|(a, b)| (a - b).norm() < 1e-6), "{found:?}");
+        assert!(centroids(&[], 1.0).is_empty());
+    }
+}

@@ -1,0 +1,282 @@
+//! Linear point-to-plane ICP (paper eqs. (2)-(8); Low 2004) over all views at once.
+//!
+//! Each iteration linearises small rotations about the common centre, solves for the increments of all views in one
+//! system, and applies them as full rotations, left-multiplied. Residuals are weighted by Geman-McClure.
+
+use super::correspondence::Match;
+use super::source::{Source, Surface};
+use super::system::{Block, Pair, System};
+use super::{Config, Registration};
+use crate::geometry::cloud::View;
+use crate::model::normals::{Patches, median};
+use nalgebra::{
+    DMatrix, Isometry3, Matrix6, Point3, Rotation3, Translation3, UnitQuaternion, Vector3, Vector6,
+};
+use rayon::prelude::*;
+
+/// Least agreement of two normals that may be the same surface; keeps a pipe's inside from matching its outside.
+const MIN_NORMAL_DOT: f32 = 0.6;
+/// Every pair is found from both sides, and a view's noise is shared by all its partners: this many pairs count as one.
+const REPEATED_PAIRS: f32 = 4.0;
+/// Of the sampled patches, every so manieth is matched in all rounds but the last, which decides the accuracy.
+const COARSE_STEP: usize = 4;
+/// Of the sampled patches, every so manieth is asked for the fitness.
+const FITNESS_STEP: usize = 4;
+/// A view's patches nearer than this to another view's, in aligned distances, overlap it.
+const OVERLAP: f32 = 4.0;
+
+pub(super) struct Problem {
+    sources: Vec<Source>,
+    ties: Vec<Tie>,
+    reported: Vec<Isometry3<f64>>,
+    poses: Vec<Isometry3<f64>>,
+    centre_mm: Point3<f64>,
+}
+
+/// What ties view `i` to view `j`: the partners in `j` of the sampled patches of `i`.
+struct Tie {
+    i: usize,
+    j: usize,
+    matches: Vec<Match>,
+    /// The nearest patches whatever their normal, of every [`FITNESS_STEP`]th sampled patch.
+    nearest: Vec<Match>,
+    pairs: Vec<Pair>,
+}
+
+impl Tie {
+    fn new(i: usize, j: usize, sources: &[Source]) -> Self {
+        let count = sources[i].sample.len();
+        Self {
+            i,
+            j,
+            matches: vec![Match::NEW; count],
+            nearest: vec![Match::NEW; count.div_ceil(FITNESS_STEP)],
+            pairs: Vec::new(),
+        }
+    }
+}
+
+/// Fitness of each view after each step, and overlap at the last.
+struct Seen {
+    fitness: Vec<Vec<f64>>,
+    overlap: Vec<f64>,
+}
+
+/// A rigid motion in single precision.
+struct Motion {
+    turn: Rotation3<f32>,
+    shift: Vector3<f32>,
+}
+
+impl Motion {
+    fn new(motion: &Isometry3<f64>) -> Self {
+        let turn = motion.rotation.to_rotation_matrix().cast();
+        Self { turn, shift: motion.translation.vector.cast() }
+    }
+
+    fn apply(&self, p: &Point3<f32>) -> Point3<f32> {
+        self.turn * p + self.shift
+    }
+}
+
+impl Problem {
+    pub(super) fn new(views: &[View], patches: &[Patches], config: &Config) -> Self {
+        let sources: Vec<Source> = patches.par_iter().map(|p| Source::new(p, config.sample)).collect();
+        let reported: Vec<_> = views.iter().map(|v| v.base_from_camera).collect();
+        let (mut sum, mut count) = (Vector3::zeros(), 0.0);
+        for (source, pose) in sources.iter().zip(&reported) {
+            for sample in &source.sample {
+                sum += (pose * sample.point.cast::<f64>()).coords;
+                count += 1.0;
+            }
+        }
+        let centre_mm = Point3::from(sum / f64::max(count, 1.0));
+        let views = 0..sources.len();
+        let combos = views.clone().flat_map(|i| views.clone().filter(move |&j| j != i).map(move |j| (i, j)));
+        let ties = combos.map(|(i, j)| Tie::new(i, j, &sources)).collect();
+        Self { sources, ties, poses: reported.clone(), reported, centre_mm }
+    }
+
+    /// The poses that minimise the distances along the normals, eq. (2), gate by gate.
+    pub(super) fn solve(mut self, config: &Config) -> Registration {
+        let views = self.sources.len();
+        let mut seen = Seen { fitness: vec![vec![]; views], overlap: vec![0.0; views] };
+        let mut covariance = DMatrix::zeros(6 * (views - 1), 6 * (views - 1));
+        let mut residual_mm = 0.0;
+        self.look(&mut seen, config);
+        if views < 2 {
+            return self.finish(seen, covariance, residual_mm);
+        }
+        for (round, &gate_mm) in config.gates_mm.iter().enumerate() {
+            if round > 0 && gate_mm > config.gates_mm[round - 1] {
+                self.ties.iter_mut().for_each(|tie| tie.matches.fill(Match::NEW));
+            }
+            let last = round + 1 == config.gates_mm.len();
+            let thin = if last { 1 } else { COARSE_STEP };
+            for _ in 0..config.iterations {
+                let (step, cov, scale) = self.iterate(gate_mm, thin, config);
+                covariance = cov;
+                residual_mm = scale;
+                self.look(&mut seen, config);
+                let fine = if last { 0.002 } else { 0.05 };
+                if step < fine {
+                    break;
+                }
+            }
+        }
+        self.finish(seen, covariance, residual_mm)
+    }
+
+    fn finish(self, seen: Seen, covariance: DMatrix<f64>, residual_mm: f64) -> Registration {
+        Registration {
+            base_from_camera: self.poses,
+            fitness: seen.fitness,
+            overlap: seen.overlap,
+            covariance,
+            centre_mm: self.centre_mm,
+            residual_mm,
+        }
+    }
+
+    /// One linear step of all views, eq. (6): the largest motion of a view, mm, the covariance, the residual scale.
+    fn iterate(&mut self, gate_mm: f32, thin: usize, config: &Config) -> (f64, DMatrix<f64>, f64) {
+        let views = self.sources.len();
+        let (sources, poses, centre_mm) = (&self.sources, &self.poses, &self.centre_mm);
+        self.ties.par_iter_mut().for_each(|tie| tie.pair(sources, poses, centre_mm, gate_mm, thin));
+        let pairs = self.ties.iter().flat_map(|tie| &tie.pairs);
+        let mut size: Vec<f32> = pairs.map(|pair| pair.residual_mm.abs()).collect();
+        let scale = f64::from(1.4826 * median(&mut size)).max(0.02).min(f64::from(gate_mm));
+        let spread_mm = self.spread_mm();
+        let mut system = System::new(views, spread_mm);
+        let blocks: Vec<Block> = self.ties.par_iter().map(|tie| tie.block(scale, poses)).collect();
+        for (tie, block) in self.ties.iter().zip(&blocks) {
+            system.add(tie.i, tie.j, block);
+        }
+        let priors: Vec<_> = (1..views).map(|view| self.prior(view, config)).collect();
+        let Some((x, covariance)) = system.solve(&priors) else {
+            return (0.0, DMatrix::zeros(6 * (views - 1), 6 * (views - 1)), scale);
+        };
+        let mut largest = 0.0f64;
+        for view in 1..views {
+            let step = x.fixed_rows::<6>(6 * (view - 1)).into_owned();
+            self.poses[view] = self.moved(&step) * self.poses[view];
+            largest =
+                largest.max(step.fixed_rows::<3>(3).norm() + spread_mm * step.fixed_rows::<3>(0).norm());
+        }
+        (largest, covariance, scale)
+    }
+
+    /// A small motion about the centre as a full rotation and a translation, eq. (3).
+    fn moved(&self, x: &Vector6<f64>) -> Isometry3<f64> {
+        let turn = UnitQuaternion::from_scaled_axis(x.fixed_rows::<3>(0).into_owned());
+        let c = self.centre_mm.coords;
+        let shift = c - turn * c + x.fixed_rows::<3>(3);
+        Isometry3::from_parts(Translation3::from(shift), turn)
+    }
+
+    /// Information of the reported pose about the centre, and its pull toward it.
+    fn prior(&self, view: usize, config: &Config) -> (Matrix6<f64>, Vector6<f64>) {
+        if !config.prior_mm.is_finite() {
+            return (Matrix6::identity() * 1e-9, Vector6::zeros());
+        }
+        // What was done so far, as a motion about the camera: rotation, then translation of the camera.
+        let done = self.poses[view] * self.reported[view].inverse();
+        let camera = Point3::from(self.reported[view].translation.vector);
+        let shift = (done * camera) - camera;
+        let turn = done.rotation.scaled_axis();
+        // A step (w, t) about the centre turns by w and moves the camera by w x (camera - centre) + t.
+        let arm = Point3::from(self.poses[view].translation.vector) - self.centre_mm;
+        let mut jacobian = Matrix6::identity();
+        jacobian.fixed_view_mut::<3, 3>(3, 0).copy_from(&(-arm.cross_matrix()));
+        let mut information = Vector6::repeat(1.0 / config.prior_mm.powi(2));
+        information.fixed_rows_mut::<3>(0).fill(1.0 / config.prior_rad.powi(2));
+        let weighted = jacobian.transpose() * Matrix6::from_diagonal(&information);
+        let offset = Vector6::new(turn.x, turn.y, turn.z, shift.x, shift.y, shift.z);
+        (weighted * jacobian, -(weighted * offset))
+    }
+
+    /// Appends each view's fitness at the poses as they are, and sets its overlap.
+    fn look(&mut self, seen: &mut Seen, config: &Config) {
+        let reach = OVERLAP * config.fitness_mm;
+        let (sources, poses) = (&self.sources, &self.poses);
+        let squared: Vec<Vec<f32>> =
+            self.ties.par_iter_mut().map(|tie| tie.nearest_squared(sources, poses, reach)).collect();
+        for i in 0..self.sources.len() {
+            let own = || self.ties.iter().zip(&squared).filter(|(tie, _)| tie.i == i);
+            let count = own().next().map_or(0, |(_, d2)| d2.len());
+            let nearest = |k| own().map(|(_, d2)| d2[k]).fold(f32::INFINITY, f32::min);
+            let of: Vec<f32> = (0..count).map(nearest).filter(|d2| d2.is_finite()).collect();
+            let near = of.iter().filter(|d2| **d2 < config.fitness_mm.powi(2)).count();
+            seen.fitness[i].push(near as f64 / of.len().max(1) as f64);
+            seen.overlap[i] = of.len() as f64 / count.max(1) as f64;
+        }
+    }
+
+    /// Root mean square distance of the patches from the centre, mm: turns rotations into lengths.
+    fn spread_mm(&self) -> f64 {
+        let (mut sum, mut count) = (0.0, 0.0);
+        for (source, pose) in self.sources.iter().zip(&self.poses) {
+            for sample in source.sample.iter().step_by(16) {
+                sum += (pose * sample.point.cast::<f64>() - self.centre_mm).norm_squared();
+                count += 1.0;
+            }
+        }
+        (sum / f64::max(count, 1.0)).sqrt()
+    }
+}
+
+impl Tie {
+    /// Finds the pairs of every `thin`th sampled patch anew.
+    fn pair(
+        &mut self,
+        sources: &[Source],
+        poses: &[Isometry3<f64>],
+        centre_mm: &Point3<f64>,
+        gate_mm: f32,
+        thin: usize,
+    ) {
+        let (source, target) = (&sources[self.i], &sources[self.j]);
+        let motion = Motion::new(&(poses[self.j].inverse() * poses[self.i]));
+        let centre = poses[self.j].inverse_transform_point(centre_mm).cast::<f32>();
+        self.pairs.clear();
+        for (sample, partner) in source.sample.iter().zip(&mut self.matches).step_by(thin) {
+            let (q, facing) = (motion.apply(&sample.point), motion.turn * sample.normal);
+            let same_side = |s: usize| target.surfaces[s].normal.dot(&facing) > MIN_NORMAL_DOT;
+            let Some((slot, hit)) = partner.find(&target.grid, &q, gate_mm, same_side) else { continue };
+            let (Surface { normal, variance_mm2, tilt_variance }, above) = (target.surfaces[slot], q - hit);
+            let residual_mm = normal.dot(&above);
+            let aside = (above.norm_squared() - residual_mm * residual_mm).max(0.0);
+            let variance = sample.variance_mm2 + variance_mm2 + tilt_variance * aside;
+            self.pairs.push(Pair {
+                arm: q - centre,
+                normal,
+                residual_mm,
+                own_normal: facing,
+                own_residual_mm: facing.dot(&above),
+                weight: thin as f32 * sample.weight / (variance * REPEATED_PAIRS),
+            });
+        }
+    }
+
+    /// Normal equations of the pairs about the centre, axes of the base frame.
+    fn block(&self, scale: f64, poses: &[Isometry3<f64>]) -> Block {
+        let mut block = Block::default();
+        self.pairs.iter().for_each(|pair| block.add(pair, scale));
+        block.turned(&poses[self.j].rotation)
+    }
+
+    /// Squared distances to the nearest patches of `j`; infinite beyond `reach`.
+    fn nearest_squared(&mut self, sources: &[Source], poses: &[Isometry3<f64>], reach: f32) -> Vec<f32> {
+        let (source, target) = (&sources[self.i], &sources[self.j]);
+        let motion = Motion::new(&(poses[self.j].inverse() * poses[self.i]));
+        let asked = source.sample.iter().step_by(FITNESS_STEP);
+        asked
+            .zip(&mut self.nearest)
+            .map(|(sample, partner)| {
+                let q = motion.apply(&sample.point);
+                let found = partner.find(&target.grid, &q, reach, |_| true);
+                found.map_or(f32::INFINITY, |(_, hit)| (q - hit).norm_squared())
+            })
+            .collect()
+    }
+}

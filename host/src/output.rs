@@ -1,0 +1,7 @@
+//! What a run leaves behind: one file per format, written whole or not at all. Formats: `docs/formats.md`.
+
+pub mod csv;
+pub mod feasibility;
+pub mod json;
+pub mod ply;
+pub mod summary;

@@ -1,0 +1,49 @@
+//! `path.csv`: the seam points alone, one row each, for spreadsheets and scoring.
+
+use std::fmt::Write;
+
+use crate::weld::SeamPath;
+
+/// First line of the file.
+pub const HEADER: &str = "seam,index,s_mm,x_mm,y_mm,z_mm,qw,qx,qy,qz";
+
+/// The welded points of `paths`, passes one after the other; `index` counts from 0 in each pass. Base frame; `q` is `base_from_torch`.
+pub fn write(paths: &[SeamPath]) -> String {
+    let mut text = format!("{HEADER}\n");
+    for path in paths {
+        for (index, point) in path.points.iter().filter(|point| point.process.weld).enumerate() {
+            let (p, q) = (point.position_mm, point.base_from_torch);
+            // Writing to a String cannot fail.
+            let _ = writeln!(
+                text,
+                "{},{index},{:.5},{:.5},{:.5},{:.5},{:.9},{:.9},{:.9},{:.9}",
+                path.seam, point.s_mm, p.x, p.y, p.z, q.w, q.i, q.j, q.k
+            );
+        }
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::weld::{PathPoint, Process};
+    use nalgebra::{Point3, UnitQuaternion, Vector3};
+
+    #[test]
+    fn every_row_has_a_number_for_every_column() {
+        let base_from_torch = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), 1.0);
+        let (position_mm, process) = (Point3::new(-1.0, 2000.125, 1e-7), Process::default());
+        let point = PathPoint { s_mm: 1.5, position_mm, base_from_torch, process };
+        let path = |seam| SeamPath { seam, points: vec![point; 3] };
+        let text = write(&[path(1), path(4)]);
+        let mut lines = text.lines();
+        assert_eq!(lines.next(), Some(HEADER));
+        let rows: Vec<Vec<f64>> =
+            lines.map(|line| line.split(',').map(|cell| cell.parse().unwrap()).collect()).collect();
+        assert_eq!(rows.len(), 6);
+        assert!(rows.iter().all(|row| row.len() == HEADER.split(',').count()));
+        assert_eq!(rows[4][..6], [4.0, 1.0, 1.5, -1.0, 2000.125, 0.0]);
+        assert!((rows[0][6] - 0.5f64.cos()).abs() < 1e-9 && (rows[0][7] - 0.5f64.sin()).abs() < 1e-9);
+    }
+}

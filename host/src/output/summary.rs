@@ -1,0 +1,223 @@
+//! `summary.json`: what was found, how, and how far to trust it. Schema: `docs/formats.md`.
+
+use serde::Serialize;
+
+use super::feasibility;
+use crate::pipeline::{Derived, Plan, ViewReport};
+use crate::robot::feasibility::Report;
+use crate::seam::coverage::Gap;
+use crate::seam::dimension::Dimension;
+use crate::seam::{Joint, Seam};
+use crate::weld::SeamPath;
+use crate::weld::position::{Position, positions};
+use nalgebra::UnitVector3;
+
+/// Value of `version`; raised when a reader of the old one would misunderstand the new one.
+pub const VERSION: u32 = 1;
+
+/// The whole file.
+#[derive(Debug, Serialize)]
+pub struct Summary {
+    format: &'static str,
+    version: u32,
+    weldpath: &'static str,
+    #[serde(flatten)]
+    source: Source,
+    derived: Vec<Parameter>,
+    views: Vec<View>,
+    seams: Vec<SeamSummary>,
+    coverage: Vec<Stretch>,
+    stages: Vec<Stage>,
+    feasibility: Option<feasibility::Section>,
+    warnings: Vec<String>,
+}
+
+/// What was read, and how it was understood.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct Source {
+    /// Files, in the order of reading.
+    pub inputs: Vec<String>,
+    /// How they were understood, in words.
+    pub notes: Vec<String>,
+}
+
+#[derive(Debug, Serialize)]
+struct Parameter {
+    name: &'static str,
+    value: Option<f64>,
+    how: &'static str,
+}
+
+#[derive(Debug, Serialize)]
+struct View {
+    name: String,
+    fitness_before: Option<f64>,
+    fitness_after: Option<f64>,
+    fitness_per_iteration: Vec<Option<f64>>,
+    moved_mm: Option<f64>,
+    moved_deg: Option<f64>,
+    uncertainty_mm: Option<f64>,
+}
+
+#[derive(Debug, Serialize)]
+struct SeamSummary {
+    id: usize,
+    joint: Joint,
+    selected: bool,
+    closed: bool,
+    length_mm: f64,
+    points: usize,
+    passes: usize,
+    order: Option<usize>,
+    positions: Vec<Position>,
+    confidence: Option<f64>,
+    expected_error_mm: Option<f64>,
+    expected_error_deg: Option<f64>,
+    dimensions: Vec<Measured>,
+    reason: String,
+    warnings: Vec<String>,
+}
+
+/// A dimension of a joint, or why it could not be measured.
+#[derive(Debug, Serialize)]
+struct Measured {
+    name: &'static str,
+    value: Option<f64>,
+    uncertainty: Option<f64>,
+    reason: Option<&'static str>,
+}
+
+/// A stretch of a seam that should be scanned again, and from where.
+#[derive(Debug, Serialize)]
+struct Stretch {
+    seam: usize,
+    fault: &'static str,
+    from_mm: f64,
+    to_mm: f64,
+    face_normal: [f64; 3],
+    camera_position_mm: [f64; 3],
+    camera_direction: [f64; 3],
+}
+
+#[derive(Debug, Serialize)]
+struct Stage {
+    name: &'static str,
+    time_s: f64,
+}
+
+impl Summary {
+    /// Of a plan: `lines` are the seams that were selected, in weld order and direction, `paths` their passes as they
+    /// are written, `up` is against gravity.
+    pub fn new(
+        plan: &Plan,
+        source: Source,
+        lines: &[SeamPath],
+        paths: &[SeamPath],
+        up: UnitVector3<f64>,
+        warnings: Vec<String>,
+    ) -> Self {
+        Self {
+            format: "weldpath-summary",
+            version: VERSION,
+            weldpath: env!("CARGO_PKG_VERSION"),
+            source,
+            derived: plan.derived.iter().map(parameter).collect(),
+            views: plan.views.iter().map(view).collect(),
+            seams: plan.seams.iter().map(|seam| seam_summary(seam, lines, paths, up)).collect(),
+            coverage: plan.coverage.iter().map(stretch).collect(),
+            stages: plan.stage_s.iter().map(|&(name, time_s)| Stage { name, time_s }).collect(),
+            feasibility: None,
+            warnings,
+        }
+    }
+
+    /// The same with what became of the feasibility check, if there was one.
+    #[must_use]
+    pub fn with_feasibility(self, report: Option<&Report>) -> Self {
+        Self { feasibility: report.map(feasibility::Section::new), ..self }
+    }
+
+    /// What the user should know about the run; what concerns one seam stands there.
+    pub fn warnings(&self) -> &[String] {
+        &self.warnings
+    }
+
+    /// Welding positions of the seam with this id.
+    pub fn positions(&self, id: usize) -> &[Position] {
+        self.seams.iter().find(|seam| seam.id == id).map_or(&[], |seam| &seam.positions)
+    }
+
+    /// The file's text.
+    pub fn to_json(&self) -> String {
+        // Strings, numbers and lists only: there is nothing serde_json could refuse.
+        serde_json::to_string_pretty(self).map(|text| text + "\n").unwrap_or_default()
+    }
+}
+
+fn parameter(derived: &Derived) -> Parameter {
+    Parameter { name: derived.name, value: finite(derived.value), how: derived.how }
+}
+
+fn view(report: &ViewReport) -> View {
+    View {
+        name: report.name.clone(),
+        fitness_before: finite(report.fitness_before),
+        fitness_after: finite(report.fitness_after),
+        fitness_per_iteration: report.fitness_per_iteration.iter().copied().map(finite).collect(),
+        moved_mm: finite(report.moved_mm),
+        moved_deg: finite(report.moved_deg),
+        uncertainty_mm: finite(report.uncertainty_mm),
+    }
+}
+
+fn stretch(gap: &Gap) -> Stretch {
+    Stretch {
+        seam: gap.seam,
+        fault: gap.fault.name(),
+        from_mm: gap.from_mm,
+        to_mm: gap.to_mm,
+        face_normal: gap.face.into(),
+        camera_position_mm: gap.view.position_mm.coords.into(),
+        camera_direction: gap.view.direction.into(),
+    }
+}
+
+fn seam_summary(seam: &Seam, lines: &[SeamPath], paths: &[SeamPath], up: UnitVector3<f64>) -> SeamSummary {
+    let passes = || paths.iter().filter(|path| path.seam == seam.id);
+    let welded = |path: &SeamPath| path.points.iter().filter(|point| point.process.weld).count();
+    let order = lines.iter().position(|path| path.seam == seam.id);
+    let found = SeamPath::along(seam);
+    let line = order.map_or(&found, |k| &lines[k]);
+    SeamSummary {
+        id: seam.id,
+        joint: seam.joint,
+        selected: order.is_some(),
+        closed: seam.closed,
+        length_mm: seam.length_mm(),
+        points: passes().map(welded).sum(),
+        passes: passes().count(),
+        order: order.map(|k| k + 1),
+        positions: positions(line, up, seam.joint == Joint::ButtV),
+        confidence: finite(seam.confidence),
+        expected_error_mm: finite(seam.expected_error_mm),
+        expected_error_deg: finite(seam.expected_error_deg),
+        dimensions: seam.dimensions.iter().map(measured).collect(),
+        reason: seam.reason.clone(),
+        warnings: seam.warnings.clone(),
+    }
+}
+
+fn measured(dimension: &Dimension) -> Measured {
+    let value = dimension.value.as_ref().ok();
+    Measured {
+        name: dimension.quantity.name(),
+        value: value.and_then(|v| finite(v.value)),
+        uncertainty: value.and_then(|v| finite(v.uncertainty)),
+        reason: dimension.value.as_ref().err().copied(),
+    }
+}
+
+/// JSON has no infinity: what is unbounded is `null`.
+fn finite(value: f64) -> Option<f64> {
+    value.is_finite().then_some(value)
+}

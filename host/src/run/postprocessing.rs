@@ -1,0 +1,218 @@
+//! From a plan to what a run leaves behind: selection, path modifiers, the program, and the files.
+
+use std::collections::BTreeSet;
+
+use crate::files::File;
+use crate::output::summary::{Source, Summary};
+use crate::output::{csv, feasibility as feasibility_csv, json, ply};
+use crate::pipeline::Plan;
+use crate::robot::dialect as robot;
+use crate::robot::dialect::moves;
+use crate::robot::feasibility;
+use crate::robot::feasibility::Report;
+use crate::robot::feasibility::suggestion::Change;
+use crate::run::job::layer::{Direction, Weld};
+use crate::run::job::{ASSUMED_TCP_MM, AirMoves, Job, Method, Sequence};
+use crate::run::selection;
+use crate::run::selection::select;
+use crate::weld::SeamPath;
+use crate::weld::air::terrain::{Ball, Terrain};
+use crate::weld::air::{End, Surroundings};
+use crate::weld::ends::reverse;
+use crate::weld::ordering;
+use crate::weld::ordering::{AirWays, Gates, Turn, Way, uphill};
+use crate::weld::program::{Pass, Program, Waypoint, program};
+use crate::weld::recipe::{Recipe, apply};
+
+/// What a run leaves behind.
+#[derive(Debug)]
+pub struct Output {
+    /// The selected seams' paths, one for each pass, in the order in which they are welded.
+    pub paths: Vec<SeamPath>,
+    /// The complete program.
+    pub program: Program,
+    /// What was found and how.
+    pub summary: Summary,
+    /// The files of the run, the summary among them.
+    pub files: Vec<File>,
+}
+
+/// Why a plan leads to no files.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The selection leaves nothing.
+    #[error(transparent)]
+    Selection(#[from] selection::Error),
+    /// A seam that is too long for one of the robots' programs.
+    #[error(transparent)]
+    TooLong(#[from] moves::TooLong),
+}
+
+/// Everything that follows from `plan` and `job`; writes nothing.
+pub fn postprocess(plan: &Plan, job: &Job, source: Source) -> Result<Output, Error> {
+    let seams = ordered(select(&plan.paths, &job.selection)?, plan, job)?;
+    let passes: Vec<Pass> =
+        seams.iter().flat_map(|(path, weld)| passes(path, weld, job.method, &[])).collect();
+    let terrain = terrain(&passes, plan, job);
+    let program = program(&passes, &terrain);
+    let mut warnings = plan.warnings.clone();
+    warnings.extend(passes.iter().filter_map(shortened_away));
+    warnings.extend(program.warnings.iter().cloned());
+    warnings.extend(tool_warning(job));
+    let feasibility = feasibility(plan, job, &seams, &terrain);
+    warnings.extend(feasibility.iter().flat_map(Report::warnings));
+    let paths: Vec<SeamPath> = passes.into_iter().map(|pass| pass.path).collect();
+    let lines: Vec<SeamPath> = seams.into_iter().map(|(path, _)| path).collect();
+    let summary = Summary::new(plan, source, &lines, &paths, job.order.up.get(), warnings)
+        .with_feasibility(feasibility.as_ref());
+    let mut files = vec![File::new("path.csv", csv::write(&paths))];
+    files.extend(program_files(&program.waypoints, job)?);
+    files.push(File::new("model.ply", ply::write(&plan.model)));
+    files.push(File::new("job.toml", job.to_toml()));
+    files.push(File::new("summary.json", summary.to_json()));
+    if let Some(report) = &feasibility {
+        files.push(File::new("feasibility.csv", feasibility_csv::csv(&program.waypoints, report)));
+    }
+    Ok(Output { paths, program, summary, files })
+}
+
+/// The program in every form in which it is written.
+pub fn program_files(waypoints: &[Waypoint], job: &Job) -> Result<Vec<File>, moves::TooLong> {
+    let mut files = vec![File::new("path.json", json::write(waypoints))];
+    for robot in job.formats.0.iter().copied().collect::<BTreeSet<_>>() {
+        files.extend(robot::files(robot, waypoints, &job.robot())?);
+    }
+    Ok(files)
+}
+
+/// The seams in the order and direction in which they are welded, each with its settings.
+fn ordered(paths: Vec<SeamPath>, plan: &Plan, job: &Job) -> Result<Vec<(SeamPath, Weld)>, selection::Error> {
+    let mut seams = Vec::with_capacity(paths.len());
+    for path in paths {
+        let weld = weld(&path, plan, job)?;
+        seams.push((path, weld));
+    }
+    let ways: Vec<Way> = seams.iter().map(|(path, weld)| way(path, weld, job)).collect();
+    let order = match job.order.sequence {
+        Sequence::Shortest if seams.len() > 1 => shortest(&seams, &ways, plan, job),
+        _ => ordering::found(&ways),
+    };
+    let turned = |Turn { index, reverse: turn }| {
+        let (path, weld) = &seams[index];
+        (if turn { reverse(path) } else { path.clone() }, weld.clone())
+    };
+    Ok(order.into_iter().map(turned).collect())
+}
+
+/// The order with the least air way; that in which they were found if one of them is not welded at all.
+fn shortest(seams: &[(SeamPath, Weld)], ways: &[Way], plan: &Plan, job: &Job) -> Vec<Turn> {
+    let both = |(path, weld): &(SeamPath, Weld)| {
+        [path.clone(), reverse(path)].map(|path| passes(&path, weld, job.method, &[]))
+    };
+    let runs: Vec<[Vec<Pass>; 2]> = seams.iter().map(both).collect();
+    let all: Vec<Pass> = runs.iter().flatten().flatten().cloned().collect();
+    let terrain = terrain(&all, plan, job);
+    let around = Surroundings::new(&terrain, &all);
+    let gates = |(runs, way): (&[Vec<Pass>; 2], &Way)| {
+        let [forward, reverse] = [gate(&runs[0], &around)?, gate(&runs[1], &around)?];
+        Some(Gates { forward, reverse, way: *way })
+    };
+    match runs.iter().zip(ways).map(gates).collect::<Option<Vec<Gates>>>() {
+        Some(gates) => ordering::shortest(&AirWays::new(&gates, &around)),
+        None => ordering::found(ways),
+    }
+}
+
+/// The approach of the first pass and the retract of the last.
+fn gate(passes: &[Pass], around: &Surroundings) -> Option<[End; 2]> {
+    let mut run = passes.iter().filter_map(|pass| Some((pass.ends()?, &pass.motion)));
+    let ([first, end], motion) = run.next()?;
+    let ([_, last], last_motion) = run.next_back().unwrap_or(([first, end], motion));
+    Some([around.end(first, motion.approach_mm), around.end(last, last_motion.retract_mm)])
+}
+
+/// What the air moves stay clear of: the greatest clearance of all passes holds for all.
+fn terrain<'a>(passes: &[Pass], plan: &'a Plan, job: &Job) -> Terrain<'a> {
+    let clearance_mm = passes.iter().map(|pass| pass.motion.clearance_mm).fold(0.0, f64::max);
+    let torch: Option<Vec<Ball>> = match job.order.air {
+        AirMoves::Shortest => Some(job.torch_body().balls()),
+        AirMoves::SafeLevel => None,
+    };
+    Terrain::new(&plan.model, passes.iter().map(|pass| &pass.path), clearance_mm, torch.as_deref())
+}
+
+/// The job's settings with those of the seam on top; of several that name it the later ones lie above.
+fn weld(path: &SeamPath, plan: &Plan, job: &Job) -> Result<Weld, selection::Error> {
+    let mut weld = job.weld();
+    for own in &job.seams {
+        let named = match (own.id, own.near_mm) {
+            (Some(id), _) => Some(selection::known(&plan.paths, id)?),
+            (None, Some(place)) => selection::nearest(&plan.paths, &place.point_mm()),
+            (None, None) => None,
+        };
+        if named == Some(path.seam) {
+            weld = own.weld().on(&weld);
+        }
+    }
+    Ok(weld)
+}
+
+fn way(path: &SeamPath, weld: &Weld, job: &Job) -> Way {
+    let opposite = |way| match way {
+        Way::Free => Way::Free,
+        Way::Forward => Way::Reverse,
+        Way::Reverse => Way::Forward,
+    };
+    match weld.direction() {
+        Direction::Free if job.order.sequence == Sequence::Found => Way::Forward,
+        Direction::Free => Way::Free,
+        Direction::Forward => Way::Forward,
+        Direction::Reverse => Way::Reverse,
+        Direction::Up => uphill(path, job.order.up.get()),
+        Direction::Down => opposite(uphill(path, job.order.up.get())),
+    }
+}
+
+/// The passes of a seam, with the changes that name it.
+fn passes(path: &SeamPath, weld: &Weld, method: Method, changes: &[(usize, Change)]) -> Vec<Pass> {
+    let own = || changes.iter().filter(|(seam, _)| *seam == path.seam).map(|(_, change)| change);
+    let turned = own().filter(|change| change.reverses()).count() % 2 == 1;
+    let path = if turned { reverse(path) } else { path.clone() };
+    // The paper's edge points come in no order that could be sampled anew.
+    let recipe = |recipe: Recipe| match method {
+        Method::Paper => Recipe { sampling: None, ..recipe },
+        Method::Weldpath => recipe,
+    };
+    let changed = |first: Recipe| own().fold(first, |recipe, change| change.on(recipe));
+    let pass = |(own, motion)| Pass { path: apply(&path, &recipe(changed(own))), motion };
+    weld.passes().into_iter().map(pass).collect()
+}
+
+fn shortened_away(pass: &Pass) -> Option<String> {
+    let text = format!(
+        "seam {}: shortened by more than its length, it is not welded; extend_start_mm and extend_end_mm say by how much",
+        pass.path.seam
+    );
+    pass.path.points.is_empty().then_some(text)
+}
+
+/// Reach, joints and torch, if the job says with what.
+fn feasibility(plan: &Plan, job: &Job, seams: &[(SeamPath, Weld)], terrain: &Terrain) -> Option<Report> {
+    let rewelded = |changes: &[(usize, Change)]| {
+        let run = |(path, weld): &(SeamPath, Weld)| passes(path, weld, job.method, changes);
+        program(&seams.iter().flat_map(run).collect::<Vec<_>>(), terrain).waypoints
+    };
+    Some(feasibility::assess(&rewelded, &plan.model, &job.feasibility()?))
+}
+
+fn tool_warning(job: &Job) -> Option<String> {
+    let text = "the robot program uses the TCP and payload that are set on the controller; give them as [tool] in a job file";
+    let assumed = if job.robot.is_some() {
+        format!(
+            "; for the feasibility check the tip is taken {ASSUMED_TCP_MM} mm straight ahead of the flange"
+        )
+    } else {
+        String::new()
+    };
+    job.tool.is_none().then(|| format!("{text}{assumed}"))
+}
