@@ -21,7 +21,8 @@ use weldpath::model::normals::pointwise;
 use weldpath::model::reconstruction;
 use weldpath::model::reconstruction::register;
 use weldpath::pipeline;
-use weldpath::seam::{self, edges};
+use weldpath::seam::score::edges;
+use weldpath::seam;
 
 #[allow(dead_code)]
 mod clouds;

@@ -1,4 +1,9 @@
-//! Points and what lies around them: clouds and views, and the spatial index that every stage asks.
+//! Points and what lies around them: clouds and views, the spatial index that every stage asks, planes through points, the
+//! row of point-to-plane registration, and statistics.
 
 pub mod cloud;
 pub mod grid;
+pub mod plane;
+pub mod point_to_plane;
+pub mod polyline;
+pub mod statistics;

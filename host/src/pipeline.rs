@@ -10,7 +10,7 @@ pub use crate::model::reconstruction::ViewReport;
 use crate::model::{downsampling, normals, reconstruction};
 use crate::seam;
 use crate::seam::Seam;
-use crate::seam::coverage;
+use crate::seam::measure::coverage;
 use crate::weld::SeamPath;
 use std::time::Instant;
 

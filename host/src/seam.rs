@@ -1,25 +1,14 @@
 //! Seams: what they are; finding them follows paper II-E, telling them apart and refining them is ours.
 
-pub mod chain;
-pub mod corner;
-pub mod coverage;
-pub mod dimension;
-pub mod edges;
-pub mod expected;
-pub mod face;
-pub mod fitup;
-pub mod joint;
-pub mod loops;
-pub mod overlap;
-pub mod paper;
+pub mod measure;
 pub mod refine;
-pub mod section;
-pub mod smooth;
-pub mod splice;
-pub mod step;
-pub mod stretch;
-pub mod support;
-pub mod wedge;
+pub mod score;
+pub mod trace;
+
+use measure::{dimension, fitup, joint};
+use refine::{expected, overlap};
+use score::edges;
+use trace::{chain, corner, loops, splice, step, support};
 
 use crate::geometry::cloud::{Merged, PointCloud};
 use crate::geometry::grid::Grid;

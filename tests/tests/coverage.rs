@@ -5,7 +5,7 @@ use std::path::Path;
 use weldpath::input::{Options, Scan, read};
 use weldpath::lab::simulation::{Camera, Noise, Part, Request, captured, stage, write};
 use weldpath::pipeline::{Config, Plan, plan};
-use weldpath::seam::coverage::{Fault, Gap};
+use weldpath::seam::measure::coverage::{Fault, Gap};
 
 fn fixture(name: &str) -> Scan {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();

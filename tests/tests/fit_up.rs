@@ -8,7 +8,7 @@ use weldpath::lab::simulation::{Noise, Part, Request, simulate, write};
 use weldpath::pipeline::{self, Plan};
 use weldpath::run::job::Job;
 use weldpath::seam::Seam;
-use weldpath::seam::dimension::{Quantity, Value};
+use weldpath::seam::measure::dimension::{Quantity, Value};
 use weldpath_tests::shared_data;
 
 /// Uncertainties that still tell a tight joint from one that needs another weld, mm; the root of a groove is blurred by

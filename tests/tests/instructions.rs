@@ -10,7 +10,7 @@ use weldpath::geometry::cloud::{PointCloud, View};
 use weldpath::geometry::grid::Grid;
 use weldpath::model::denoising::{Config, bilateral};
 use weldpath::pipeline;
-use weldpath::seam::edges;
+use weldpath::seam::score::edges;
 
 #[path = "../../host/benches/clouds/mod.rs"]
 #[allow(dead_code)]

@@ -22,7 +22,7 @@ use weldpath::model::normals::pointwise;
 use weldpath::model::reconstruction;
 use weldpath::model::reconstruction::{pair, register};
 use weldpath::pipeline;
-use weldpath::seam::edges;
+use weldpath::seam::score::edges;
 
 #[path = "../clouds/mod.rs"]
 mod clouds;

@@ -7,7 +7,7 @@ use weldpath::output::summary::Source;
 use weldpath::pipeline::{Plan, ViewReport};
 use weldpath::run::postprocessing::Output;
 use weldpath::seam::Seam;
-use weldpath::seam::dimension::Dimension;
+use weldpath::seam::measure::dimension::Dimension;
 use weldpath::weld::position::Position;
 
 /// Seams, what was derived, warnings, and where the files are.

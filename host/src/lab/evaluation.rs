@@ -11,7 +11,6 @@ mod path_set;
 mod projection;
 mod raster;
 mod seam_score;
-mod statistics;
 mod taught;
 mod truth;
 
@@ -23,6 +22,7 @@ pub use raster::{CELL_MM, F1, f1};
 pub use seam_score::SeamScore;
 pub use truth::{Target, Truth, TruthSeam};
 
+use crate::geometry::statistics;
 use nalgebra::Vector3;
 use serde::Serialize;
 use std::collections::BTreeMap;

@@ -3,8 +3,9 @@
 //! Exact centroids. Voxels with few points are dropped, which removes flying pixels and outliers.
 
 use crate::geometry::cloud::{Merged, PointCloud};
+use crate::geometry::statistics::median;
+use crate::model::normals::Patches;
 use crate::model::normals::cells::{Cells, Sums};
-use crate::model::normals::{Patches, median};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 

@@ -12,6 +12,7 @@ mod source;
 mod system;
 
 use crate::geometry::cloud::View;
+use crate::geometry::point_to_plane;
 use crate::model::normals::Patches;
 use nalgebra::{DMatrix, Isometry3, Matrix6, Point3, Vector3};
 pub(crate) use source::spread_over_normals;
@@ -74,7 +75,7 @@ impl Registration {
 
     /// Variance of a place as view `view` sees it, along a direction, mm².
     pub fn variance_mm2(&self, view: usize, place_mm: &Point3<f64>, along: &Vector3<f64>) -> f64 {
-        let row = system::point_row(&(place_mm - self.centre_mm), along);
+        let row = point_to_plane::row(&(place_mm - self.centre_mm), along);
         (row.transpose() * self.covariance_of(view) * row)[0]
     }
 }

@@ -7,7 +7,8 @@ use crate::model::downsampling;
 use crate::model::downsampling::{Scale, Voxels};
 use crate::model::reconstruction::Registration;
 use crate::model::{denoising, orientation};
-use crate::seam::{self, Found, Input, Seam, Trial, edges};
+use crate::seam::score::edges;
+use crate::seam::{self, Found, Input, Seam, Trial};
 
 /// Registered views, in which seams are sought.
 pub(super) struct Scan<'a> {
@@ -101,7 +102,7 @@ impl Scan<'_> {
         };
         let found = clock.time("seam", || match self.config.method {
             Method::Weldpath => seam::find(&input, &self.config.seam),
-            Method::Paper { ratio_threshold } => seam::paper::find(&input, ratio_threshold),
+            Method::Paper { ratio_threshold } => seam::score::paper::find(&input, ratio_threshold),
         });
         Ok(Attempt { scale: *scale, voxels, model, index, found })
     }

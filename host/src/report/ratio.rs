@@ -60,7 +60,7 @@ mod tests {
     use crate::geometry::cloud::{Merged, PointCloud};
     use crate::geometry::grid::Grid;
     use crate::model::downsampling::Voxels;
-    use crate::seam::{edges, paper};
+    use crate::seam::score::{edges, paper};
     use nalgebra::Point3;
 
     #[test]

@@ -4,14 +4,20 @@
 //! seam. Heights are fitted over a window along the seam, the root itself left out, and the fits are intersected in the
 //! cross-section; the stations are then smoothed as stiffly as cross-validation allows.
 
-use super::chain::Chain;
-use super::face::{self, Fit, Reach, Sample, Scratch};
-use super::section::{Beside, Frame, beside, near_path};
-use super::smooth::{Curve, Samples};
-use super::stretch;
+pub mod beside;
+pub mod expected;
+pub mod face;
+pub mod overlap;
+pub mod smooth;
+pub mod stretch;
+
 use crate::geometry::cloud::Merged;
 use crate::geometry::grid::Grid;
-use crate::model::normals::median;
+use crate::geometry::statistics::median;
+use crate::seam::refine::beside::{Beside, Frame, beside, near_path};
+use crate::seam::refine::smooth::{Curve, Samples};
+use crate::seam::trace::chain::Chain;
+use face::{Fit, Reach, Sample, Scratch};
 use nalgebra::{Matrix2, Point3, Rotation3, Vector2, Vector3};
 use rayon::prelude::*;
 use std::ops::Range;

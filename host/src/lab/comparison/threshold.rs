@@ -11,7 +11,7 @@ use crate::model::downsampling::{Scale, voxel_grid};
 use crate::model::{denoising, normals, reconstruction};
 use crate::pipeline::Plan;
 use crate::run::job::Job;
-use crate::seam::paper;
+use crate::seam::score::paper;
 
 /// Beyond this from the seams a point is no part of the workpiece that the paper shows, mm.
 const CROP_MM: f64 = 40.0;

@@ -2,8 +2,8 @@
 
 use super::path_set::PathSet;
 use super::projection::{self, Foot};
-use super::statistics::{median, percentile, rms};
 use super::truth::TruthSeam;
+use crate::geometry::statistics::{percentile, rms};
 use nalgebra::{Matrix3, Vector3};
 use serde::Serialize;
 
@@ -157,7 +157,7 @@ impl OnSeam<'_> {
                 (0..self.own.len()).filter(|&j| self.runs[self.own[j]] == run).collect();
             let with = |&j: &usize| torches[j].column(1).dot(&lateral.feet[j].frame.column(1));
             let agreement: Vec<f64> = members.iter().map(with).collect();
-            if median(&agreement).is_some_and(|m| m < 0.0) {
+            if percentile(&agreement, 50.0).is_some_and(|m| m < 0.0) {
                 for j in members {
                     torches[j].column_mut(0).neg_mut();
                     torches[j].column_mut(1).neg_mut();

@@ -2,8 +2,8 @@
 //!
 //! The points are not sorted: each finds its cell and is added to it, in the order of the cloud.
 
-use super::{Moments, Scatter};
 use crate::geometry::grid::rows::{Rows, SHARE};
+use crate::geometry::plane::{Moments, Scatter};
 use nalgebra::Point3;
 use rayon::prelude::*;
 use wide::f64x2;

@@ -2,9 +2,9 @@
 //!
 //! The pipeline fits planes to cells instead (see [`super::estimate`]); these are for clouds that are to keep every point.
 
-use super::smallest_eigen;
 use crate::geometry::grid::Grid;
 use crate::geometry::grid::sweep::{Around, Eight};
+use crate::geometry::plane::smallest_eigen;
 use nalgebra::Vector3;
 use wide::f32x8;
 

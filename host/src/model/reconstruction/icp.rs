@@ -8,7 +8,8 @@ use super::source::{Source, Surface};
 use super::system::{Block, Pair, System};
 use super::{Config, Registration};
 use crate::geometry::cloud::View;
-use crate::model::normals::{Patches, median};
+use crate::geometry::statistics::robust_deviation;
+use crate::model::normals::Patches;
 use nalgebra::{
     DMatrix, Isometry3, Matrix6, Point3, Rotation3, Translation3, UnitQuaternion, Vector3, Vector6,
 };
@@ -145,7 +146,7 @@ impl Problem {
         self.ties.par_iter_mut().for_each(|tie| tie.pair(sources, poses, centre_mm, gate_mm, thin));
         let pairs = self.ties.iter().flat_map(|tie| &tie.pairs);
         let mut size: Vec<f32> = pairs.map(|pair| pair.residual_mm.abs()).collect();
-        let scale = f64::from(1.4826 * median(&mut size)).max(0.02).min(f64::from(gate_mm));
+        let scale = f64::from(robust_deviation(&mut size)).max(0.02).min(f64::from(gate_mm));
         let spread_mm = self.spread_mm();
         let mut system = System::new(views, spread_mm);
         let blocks: Vec<Block> = self.ties.par_iter().map(|tie| tie.block(scale, poses)).collect();

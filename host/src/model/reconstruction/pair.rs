@@ -4,9 +4,9 @@
 //! The answer does not depend on the axes or the origin of the clouds beyond rounding, nor on the number of threads.
 
 use super::correspondence::Match;
-use super::system::point_row;
 use crate::geometry::cloud::PointCloud;
 use crate::geometry::grid::Grid;
+use crate::geometry::point_to_plane;
 use crate::model::normals::mean_spacing_mm;
 use nalgebra::{Isometry3, Matrix6, Point3, Translation3, UnitQuaternion, Vector3, Vector6};
 use rayon::prelude::*;
@@ -168,7 +168,7 @@ struct Sum {
 
 impl Sum {
     fn add(&mut self, q: &Point3<f32>, normal: &Vector3<f32>, residual_mm: f32) {
-        let row = point_row(&q.coords.cast(), &normal.cast());
+        let row = point_to_plane::row(&q.coords.cast(), &normal.cast());
         let residual_mm = f64::from(residual_mm);
         // The lower triangle is enough for the factorisation.
         for column in 0..6 {

@@ -1,7 +1,8 @@
 //! One view's patches, thinned to those that are matched.
 
 use crate::geometry::grid::Grid;
-use crate::model::normals::{Patches, median};
+use crate::geometry::statistics::median;
+use crate::model::normals::{CORRELATED_POINTS, Patches};
 use nalgebra::{Point3, Vector3};
 
 /// Patches are matched only where the surface is flat to this many noise deviations.
@@ -48,7 +49,8 @@ impl Source {
             let k = flat[grid.index(slot)];
             Surface {
                 normal: patches.cloud.normals[k],
-                variance_mm2: 5.5 * patches.variance_mm2[k].max(0.25 * noise) / patches.count[k],
+                variance_mm2: CORRELATED_POINTS * patches.variance_mm2[k].max(0.25 * noise)
+                    / patches.count[k],
                 tilt_variance: patches.tilt_variance[k],
             }
         };

@@ -1,17 +1,10 @@
 //! The joint linear system of all views and what of its solution is believed.
 
+use crate::geometry::point_to_plane;
 use nalgebra::{DMatrix, DVector, Matrix6, UnitQuaternion, Vector3, Vector6};
 
 /// Share of information, of a motion that every pair sees in full, below which a motion counts as unseen.
 const UNSEEN: f64 = 1e-4;
-
-/// One row of `A`, eq. (7), by the small angles of eq. (4) in the motion of eq. (5): rotation part, then translation.
-///
-/// `arm` is where the point is from the centre.
-pub(super) fn point_row(arm: &Vector3<f64>, normal: &Vector3<f64>) -> Vector6<f64> {
-    let turn = arm.cross(normal);
-    Vector6::new(turn.x, turn.y, turn.z, normal.x, normal.y, normal.z)
-}
 
 /// A pair of patches of two views in the target's frame, its arm from the centre.
 pub(super) struct Pair {
@@ -40,7 +33,8 @@ impl Block {
         // Two normals of one surface with independent noise: their product is unbiased where a square is not, so noise
         // does not pass for information (instrumental variables).
         let arm = p.arm.cast();
-        let (own, other) = (point_row(&arm, &p.own_normal.cast()), point_row(&arm, &p.normal.cast()));
+        let (own, other) =
+            (point_to_plane::row(&arm, &p.own_normal.cast()), point_to_plane::row(&arm, &p.normal.cast()));
         self.information += own * (other * w).transpose();
         self.pull -= own * (0.5 * w * residual_mm) + other * (0.5 * w * own_residual_mm);
         self.weight += w;

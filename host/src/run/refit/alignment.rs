@@ -4,6 +4,7 @@ use nalgebra::{Isometry3, Matrix6, Point3, Translation3, UnitQuaternion, Vector3
 
 use super::part::Patch;
 use super::target::Target;
+use crate::geometry::point_to_plane::row_at_size;
 
 /// Most steps at one largest distance of a pair.
 const ITERATIONS: usize = 8;
@@ -68,8 +69,7 @@ pub(super) fn step(
         let Some((q, normal)) = target.nearest(&place, &(pose.rotation * n), gate_mm) else { continue };
         let residual = normal.dot(&(place - q));
         let w = (1.0 + (residual / scale_mm).powi(2)).powi(-2);
-        let turn = (place - middle).cross(&normal) / size_mm;
-        let row = Vector6::new(turn.x, turn.y, turn.z, normal.x, normal.y, normal.z);
+        let row = row_at_size(&(place - middle), &normal, size_mm);
         a.ger(w, &row, &row, 1.0);
         b.axpy(-w * residual, &row, 1.0);
         weight += w;

@@ -9,6 +9,7 @@ use super::part::{Part, Patch, strided};
 use super::search::apart_mm;
 use super::target::{Target, fit, share};
 use super::{Error, FOUND_MM, NEARLY, RANGE_MM, SLACK, is_near};
+use crate::geometry::point_to_plane::row_at_size;
 
 /// Share of information, of a motion that every pair sees in full, below which a motion is examined step by step.
 const HARDLY_SEEN: f64 = 0.05;
@@ -132,8 +133,7 @@ fn facing(part: &Part, pose: &Isometry3<f64>, axis: &Vector6<f64>) -> Vec<Patch>
     let (middle, size_mm) = (pose * part.centre, size_mm(&part.surface, &part.centre));
     let faces = |(p, n): &&Patch| {
         let (arm, normal) = (pose * p - middle, pose.rotation * n);
-        let turn = arm.cross(&normal) / size_mm;
-        (turn.dot(&axis.fixed_rows::<3>(0)) + normal.dot(&axis.fixed_rows::<3>(3))).abs() > FACING
+        row_at_size(&arm, &normal, size_mm).dot(axis).abs() > FACING
     };
     let all: Vec<Patch> = part.surface.iter().chain(&part.edges).filter(faces).copied().collect();
     strided(&all, TRAIL_POINTS)

@@ -6,6 +6,7 @@ use super::part::Patch;
 use super::{FOUND_MM, MIN_NORMAL_DOT};
 use crate::geometry::cloud::PointCloud;
 use crate::geometry::grid::Grid;
+use crate::geometry::statistics::rms;
 
 /// Farther off a surface than this a patch does not fit it at all, mm.
 const END_MM: f64 = 3.0;
@@ -70,6 +71,6 @@ pub(super) fn rms_mm(part: &[Patch], target: &Target, pose: &Isometry3<f64>) -> 
         let (q, normal) = target.nearest(&place, &(pose.rotation * n), FOUND_MM)?;
         Some(normal.dot(&(place - q)))
     };
-    let squares: Vec<f64> = part.iter().filter_map(residual).map(|r| r * r).collect();
-    (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt()
+    let residuals: Vec<f64> = part.iter().filter_map(residual).collect();
+    rms(&residuals).unwrap_or(0.0)
 }

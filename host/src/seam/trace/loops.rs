@@ -3,9 +3,9 @@
 //! A chain whose ends look at each other along one arc, in keeping with its own curvature, is closed by that arc; the raw
 //! points beside it then tell whether the seam is there.
 
-use super::chain::{Chain, Link};
-use super::wedge;
 use crate::geometry::grid::Grid;
+use crate::seam::trace::chain::{Chain, Link};
+use crate::seam::trace::obstruction;
 use nalgebra::Vector3;
 
 /// Longest stretch that is closed, as a share of the chain.
@@ -44,7 +44,7 @@ pub fn closed(chain: &Chain, model: &Grid, voxel_mm: f32, step_mm: f32) -> Optio
     let around: Vec<&Link> = std::iter::once(last).chain(&arc).chain([first]).collect();
     let free = around
         .windows(2)
-        .all(|w| !wedge::blocked(model, voxel_mm, &w[0].position, &w[1].position, &w[0].faces));
+        .all(|w| !obstruction::blocked(model, voxel_mm, &w[0].position, &w[1].position, &w[0].faces));
     free.then(|| Chain {
         links: chain.links.iter().copied().chain(arc).collect(),
         closed: true,

@@ -4,14 +4,14 @@
 //! lower one goes on. The seam is the foot of that edge; the side face is taken as square to the layers, and the edge is
 //! where the density of the upper layer falls to half, which noise along the surface does not move.
 
-use super::chain::Chain;
-use super::corner::Corner;
-use super::face::{self, Fit, Sample};
-use super::refine::{self, Path, Refined, Section, Station, cross_section};
-use super::section::{Beside, beside, near_path};
-use super::stretch;
 use crate::geometry::cloud::{Merged, PointCloud};
 use crate::geometry::grid::Grid;
+use crate::seam::refine::beside::{Beside, beside, near_path};
+use crate::seam::refine::face::{self, Fit, Sample};
+use crate::seam::refine::stretch;
+use crate::seam::refine::{self, Path, Refined, Section, Station, cross_section};
+use crate::seam::trace::chain::Chain;
+use crate::seam::trace::corner::Corner;
 use nalgebra::{Point3, Vector2, Vector3};
 use rayon::prelude::*;
 
@@ -213,10 +213,10 @@ fn layers(
     if heights.is_empty() {
         return None;
     }
-    let height_mm = crate::model::normals::median(&mut heights);
+    let height_mm = crate::geometry::statistics::median(&mut heights);
     // No wider than the noise: the side of a plate that was sampled would pass for more of its top.
     let mut misses: Vec<f32> = heights.iter().map(|up| (up - height_mm).abs()).collect();
-    let noise_mm = 1.4826 * crate::model::normals::median(&mut misses);
+    let noise_mm = 1.4826 * crate::geometry::statistics::median(&mut misses);
     if scan.of_cameras && noise_mm < QUANTISED * height_mm {
         return None;
     }

@@ -91,7 +91,7 @@ impl<const D: usize> Samples<'_, D> {
         let misses: Vec<Vec<Miss>> = curves.par_iter().map(|&c| self.misses(c, fitting)).collect();
         // Large misses are outliers, not evidence; one bound for all, or soft curves would hide theirs.
         let middle = |m: &Vec<Miss>| {
-            crate::model::normals::median(&mut m.iter().map(|x| x.squared).collect::<Vec<_>>())
+            crate::geometry::statistics::median(&mut m.iter().map(|x| x.squared).collect::<Vec<_>>())
         };
         let cap = 9.0 * misses.iter().map(middle).fold(f64::INFINITY, f64::min);
         let errors: Vec<Vec<f64>> =

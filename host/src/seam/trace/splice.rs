@@ -1,8 +1,8 @@
 //! Chains that go on in each other, joined (ours): a trace may stop where corners are missing, and begin anew beyond.
 
-use super::chain::{Chain, Link};
-use super::wedge;
 use crate::geometry::grid::Grid;
+use crate::seam::trace::chain::{Chain, Link};
+use crate::seam::trace::obstruction;
 
 /// Farthest gap and overlap between two ends, and farthest that they may lie beside each other, voxels.
 const GAP_VOXELS: f32 = 8.0;
@@ -55,7 +55,7 @@ fn end_to_end(a: &Chain, b: &Chain, model: &Grid, voxel_mm: f32) -> Option<Chain
     let fits = |k: usize, l: usize| end.faces[0].dot(&start.faces[k]).min(end.faces[1].dot(&start.faces[l]));
     let swapped = fits(1, 0) > fits(0, 1);
     let same = end.direction.dot(&start.direction) > SAME_DIRECTION && fits(0, 1).max(fits(1, 0)) > SAME_FACE;
-    if !near || !same || wedge::blocked(model, voxel_mm, &end.position, &start.position, &end.faces) {
+    if !near || !same || obstruction::blocked(model, voxel_mm, &end.position, &start.position, &end.faces) {
         return None;
     }
     let rest: Vec<Link> = b.links.iter().skip_while(|l| ahead(l) < 0.5 * voxel_mm).copied().collect();

@@ -8,12 +8,12 @@
 
 use super::sight::{Faces, Pierced, Sight, sights};
 use super::{Evidence, Input, Refined};
-use crate::model::normals::median;
+use crate::geometry::statistics::median;
 use crate::seam::Joint;
-use crate::seam::dimension::Value;
-use crate::seam::face::{self, Sample};
+use crate::seam::measure::dimension::Value;
 use crate::seam::refine::ACUTE_DEG;
-use crate::seam::section::Frame;
+use crate::seam::refine::beside::Frame;
+use crate::seam::refine::face::{self, Sample};
 use std::ops::Range;
 
 /// What there is at the root.

@@ -4,9 +4,9 @@
 //! the next, while direction and both faces agree. It ends at a junction by itself, because there a face changes, and it
 //! is closed when it comes back to its start.
 
-use super::corner::Corner;
-use super::wedge;
 use crate::geometry::grid::Grid;
+use crate::seam::trace::corner::Corner;
+use crate::seam::trace::obstruction;
 use nalgebra::{Point3, Vector3};
 
 /// How traces walk, in voxels and degrees.
@@ -206,7 +206,7 @@ impl Tracer<'_> {
                 self.average(&ahead, &probe).filter(|(l, _)| {
                     let way = (&last.position, &l.position);
                     !self.taken(&l.position)
-                        && !wedge::blocked(self.model, self.voxel_mm, way.0, way.1, &last.faces)
+                        && !obstruction::blocked(self.model, self.voxel_mm, way.0, way.1, &last.faces)
                 })
             });
             let Some((link, _)) = next else { return };

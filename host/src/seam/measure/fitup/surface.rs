@@ -3,8 +3,8 @@
 //! They are flat and wide, so the thinned model serves: its points are averages of the raw ones.
 
 use super::Evidence;
-use crate::model::normals::median;
-use crate::seam::section::Frame;
+use crate::geometry::statistics::median;
+use crate::seam::refine::beside::Frame;
 use nalgebra::Vector3;
 
 /// Where a face ends at a surface, in the cross-section.

@@ -4,8 +4,8 @@
 //! it apart. The support is the largest plane that has (almost) nothing behind it.
 
 use crate::geometry::cloud::PointCloud;
+use crate::geometry::plane::Moments;
 use crate::model::downsampling::Voxels;
-use crate::model::normals::Moments;
 use nalgebra::{Matrix2, Point3, Vector2, Vector3};
 use rayon::prelude::*;
 

@@ -1,8 +1,8 @@
 //! One seam for one corner (ours): where two refined seams run over each other, the longer keeps the stretch.
 
-use super::refine::Refined;
-use super::section::Frame;
 use crate::geometry::grid::Grid;
+use crate::seam::refine::Refined;
+use crate::seam::refine::beside::Frame;
 
 /// Two stations are the same place within this distance, voxels, and these angles' cosines.
 const NEAR_VOXELS: f32 = 2.0;
@@ -29,7 +29,7 @@ pub fn apart<T>(mut seams: Vec<(T, Refined)>, voxel_mm: f32, shortest_mm: f32) -
             seam.frames.iter().map(is_free).collect()
         };
         if free.iter().any(|f| !f) {
-            let Some(range) = super::stretch::longest_run(&free, 0) else { continue };
+            let Some(range) = crate::seam::refine::stretch::longest_run(&free, 0) else { continue };
             seam.keep(range.0..range.1);
             if length(&seam) < shortest_mm {
                 continue;

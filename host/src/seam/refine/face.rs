@@ -1,6 +1,6 @@
 //! Robust surface fits beside a seam: height off a face as a low polynomial (ours).
 
-use super::section::Beside;
+use crate::seam::refine::beside::Beside;
 use nalgebra::{Matrix3, Matrix4, Vector4};
 use wide::f64x2;
 
@@ -132,7 +132,8 @@ impl Scratch {
             }
             sorted.clear();
             sorted.extend(misses.iter().map(|miss| miss.to_bits()));
-            let sigma = (1.4826 * f64::from_bits(crate::model::normals::median(sorted))).max(LEAST_SIGMA_MM);
+            let sigma =
+                (1.4826 * f64::from_bits(crate::geometry::statistics::median(sorted))).max(LEAST_SIGMA_MM);
             limit = 4.0 * sigma;
             solution = Some(Solution { x, inverse, weight, sigma });
         }
@@ -214,7 +215,7 @@ pub fn reach(points: &[Beside], scale: &Reach) -> f32 {
     let last_inner = (scale.inner_mm / strip) as usize;
     let mut counts: Vec<f32> =
         heights[first..last_inner.min(strips)].iter().map(|h| h.len() as f32).collect();
-    let usual = crate::model::normals::median(&mut counts);
+    let usual = crate::geometry::statistics::median(&mut counts);
     let gate = (0.6 * sigma).max(0.015);
     for (k, strip_heights) in heights.iter_mut().enumerate().skip(last_inner - 2) {
         let begin = k as f32 * strip;
@@ -224,7 +225,7 @@ pub fn reach(points: &[Beside], scale: &Reach) -> f32 {
         let middle = f64::from(begin + 0.5 * strip);
         let expected = curve[0] + curve[1] * middle + curve[2] * middle * middle;
         let drift = 0.02 * (middle - f64::from(scale.inner_mm)).max(0.0);
-        if (f64::from(crate::model::normals::median(strip_heights)) - expected).abs() > gate + drift {
+        if (f64::from(crate::geometry::statistics::median(strip_heights)) - expected).abs() > gate + drift {
             return (begin - 2.5 * strip).max(0.6 * scale.inner_mm);
         }
     }
@@ -251,7 +252,7 @@ fn parabola(samples: &[Sample]) -> Option<([f64; 3], f64)> {
             inverse = a.try_inverse()?;
             x = inverse * b;
             let mut misses: Vec<f64> = samples.iter().map(|s| (s.h - row(s).dot(&x)).abs()).collect();
-            sigma = (1.4826 * crate::model::normals::median(&mut misses)).max(LEAST_SIGMA_MM);
+            sigma = (1.4826 * crate::geometry::statistics::median(&mut misses)).max(LEAST_SIGMA_MM);
             limit = 4.0 * sigma;
         }
         Some((x, (inverse[(2, 2)] * 8.0).sqrt() * sigma, sigma))

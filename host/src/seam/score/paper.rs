@@ -1,9 +1,9 @@
 //! The paper's own extraction (II-E, eqs. (11)-(17)), for comparison: the ratio test alone, no gate, no joint types, edge
 //! points ordered as they come, the normal of the surroundings as the torch axis.
 
-use super::{Found, INDEX_VOXELS, Input, Joint, Seam, Station, edges};
 use crate::geometry::cloud::PointCloud;
 use crate::geometry::grid::Grid;
+use crate::seam::{Found, INDEX_VOXELS, Input, Joint, Seam, Station, edges};
 use nalgebra::Vector3;
 use weldpath_core::seam::{RatioThreshold, Tensor};
 

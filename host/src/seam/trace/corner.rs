@@ -5,7 +5,7 @@
 
 use crate::geometry::grid::Grid;
 use crate::geometry::grid::lanes::LANES;
-use crate::model::normals::Moments;
+use crate::geometry::plane::Moments;
 use nalgebra::{Point3, Vector3};
 use wide::f32x8;
 

@@ -3,9 +3,9 @@
 //! The faces of a seam are averages over the views that saw them; an error of a view's pose moves its share of a face.
 //! The covariance of all poses is carried through the shares and through the intersection of the two faces.
 
-use super::refine::Refined;
 use crate::geometry::cloud::Merged;
 use crate::model::reconstruction::Registration;
+use crate::seam::refine::Refined;
 use nalgebra::{DMatrix, Matrix2, Matrix3, Matrix3x2, RowDVector, Vector3, Vector6};
 
 /// Errors of the method itself that no covariance knows, mm and rad.

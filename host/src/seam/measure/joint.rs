@@ -1,9 +1,9 @@
 //! What kind of joint a seam is (ours): from how far its faces reach, and what lies beyond them.
 
-use super::Joint;
-use super::refine::Refined;
 use crate::geometry::cloud::PointCloud;
 use crate::geometry::grid::Grid;
+use crate::seam::Joint;
+use crate::seam::refine::Refined;
 use nalgebra::Vector3;
 
 /// What was seen of a seam's cross-section.
@@ -28,15 +28,15 @@ pub fn section(seam: &Refined, model: &PointCloud, grid: &Grid, voxel_mm: f32, m
     let cosine = seam.frames.iter().map(|f| f.faces[0].dot(&f.faces[1])).sum::<f32>() / n;
     let opening_deg = 180.0 - cosine.clamp(-1.0, 1.0).acos().to_degrees();
     let mut reach_mm = seam.reach_mm;
-    let mut short = reach_mm.map(|reach_mm| reach_mm < super::refine::NARROW * most_mm);
+    let mut short = reach_mm.map(|reach_mm| reach_mm < crate::seam::refine::NARROW * most_mm);
     let lies_beyond = |k: usize, reach_mm: f32| beyond(seam, k, reach_mm, model, grid, voxel_mm);
     let mut beyond = [0, 1].map(|k| if short[k] { lies_beyond(k, reach_mm[k]) } else { None });
     for k in 0..2 {
         // The bevels of a thick plate, or of a wide root opening, end farther out.
-        if beyond[k].is_none() && opening_deg < super::refine::ACUTE_DEG {
+        if beyond[k].is_none() && opening_deg < crate::seam::refine::ACUTE_DEG {
             let far_mm = FAR * most_mm;
             reach_mm[k] = lip_mm(seam, k, model, grid, voxel_mm, far_mm);
-            short[k] = reach_mm[k] < super::refine::NARROW * far_mm;
+            short[k] = reach_mm[k] < crate::seam::refine::NARROW * far_mm;
             beyond[k] = if short[k] { lies_beyond(k, reach_mm[k]) } else { None };
         }
     }
@@ -64,7 +64,7 @@ fn lip_mm(seam: &Refined, k: usize, model: &PointCloud, grid: &Grid, voxel_mm: f
         let end = (from..steps).find(|&step| !goes_on(step as f32 * voxel_mm)).unwrap_or(steps);
         lips.push((end as f32 - 2.0) * voxel_mm);
     }
-    crate::model::normals::median(&mut lips)
+    crate::geometry::statistics::median(&mut lips)
 }
 
 /// Mean normal, in the frame of the seam's middle cross-section, of the surface that begins where face `k` ends.

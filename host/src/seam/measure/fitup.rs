@@ -10,11 +10,11 @@ mod surface;
 
 pub use root::groove_end_mm;
 
-use super::dimension::{Dimension, Quantity, Value};
-use super::expected::Expected;
-use super::refine::Refined;
-use super::{Input, Joint};
 use crate::geometry::grid::Grid;
+use crate::seam::measure::dimension::{Dimension, Quantity, Value};
+use crate::seam::refine::Refined;
+use crate::seam::refine::expected::Expected;
+use crate::seam::{Input, Joint};
 
 /// What a joint is measured from.
 pub struct Evidence<'a> {

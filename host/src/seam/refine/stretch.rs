@@ -1,13 +1,13 @@
 //! From single stations to one smooth seam (ours): what is trusted of them, the stretch that holds together, the curve.
 
-use super::refine::{Config, Path, Refined, Section, Station, cross_section, frames, resampled};
-use super::smooth::Samples;
-use crate::model::normals::median;
+use crate::geometry::statistics::median;
+use crate::seam::refine::smooth::Samples;
+use crate::seam::refine::{Config, Path, Refined, Section, Station, cross_section, frames, resampled};
 use nalgebra::{Vector2, Vector3};
 use std::ops::Range;
 
 /// Stations without outliers, in one stretch, smoothed.
-pub(super) fn smoothed(
+pub(in crate::seam) fn smoothed(
     path: &Path,
     stations: &[Option<Station>],
     inside: Range<usize>,
@@ -139,7 +139,7 @@ fn trusted(stations: &[Option<&Station>], voxel_mm: f32) -> Vec<bool> {
 }
 
 /// The longest stretch of good stations whose gaps are at most `gap` stations long.
-pub(super) fn longest_run(good: &[bool], gap: usize) -> Option<(usize, usize)> {
+pub(in crate::seam) fn longest_run(good: &[bool], gap: usize) -> Option<(usize, usize)> {
     let mut runs: Vec<(usize, usize)> = Vec::new();
     for k in (0..good.len()).filter(|&k| good[k]) {
         match runs.last_mut() {

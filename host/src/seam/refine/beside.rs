@@ -127,7 +127,7 @@ pub fn beside(
 
 /// Where a point nearer than `reach_mm` lies along the seam, its offset in the cross-section there, and the frame of that,
 /// interpolated between the nearest station and the one beyond it.
-pub(super) fn foot(
+pub(in crate::seam) fn foot(
     p: &Point3<f32>,
     frames: &[Frame],
     nearest: usize,

@@ -6,7 +6,7 @@
 use crate::geometry::cloud::Merged;
 use crate::geometry::grid::Grid;
 use crate::seam::refine::Refined;
-use crate::seam::section::foot;
+use crate::seam::refine::beside::foot;
 use rayon::prelude::*;
 
 /// A raw point and the ray that saw it, in the coordinates of both faces: along the face from the seam, and off it.

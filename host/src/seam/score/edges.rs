@@ -37,7 +37,7 @@ pub fn score(voxels: &Voxels, grid: &Grid, asymmetries: &[Vector3<f32>]) -> Scor
         scores.intensity[k] = shift.norm();
         scores.concavity[k] = shift.dot(&voxels.toward_camera[k]);
     }
-    let median = crate::model::normals::median(&mut scores.intensity.clone());
+    let median = crate::geometry::statistics::median(&mut scores.intensity.clone());
     scores.gate = (1.8 * median).clamp(FLAT, CORNER);
     scores
 }
