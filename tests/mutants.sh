@@ -19,10 +19,9 @@ failures=0
 # Only core and the tests of the link: the host has no part in it.
 fresh_copy() {
     rm -rf "$copy/work"
-    mkdir -p "$copy/work/tests/tests" "$copy/work/docs" "$copy/work/firmware"
+    mkdir -p "$copy/work/tests/tests" "$copy/work/docs"
     cp -r "$root/core" "$root/Cargo.lock" "$copy/work/"
     cp "$root/docs/protocol.md" "$copy/work/docs/"
-    cp -r "$root/firmware/fpu" "$copy/work/firmware/"
     cp -r "$root/tests/src" "$root/tests/golden" "$copy/work/tests/"
     cp "$root"/tests/tests/link_*.rs "$copy/work/tests/tests/"
     sed -i -E '/^pub mod /{/ (adversary|bench|world);/!d}' "$copy/work/tests/src/lib.rs"

@@ -35,13 +35,6 @@ pub struct CameraPose {
     pub orientation: Orientation,
 }
 
-impl CameraPose {
-    /// `(r_x, r_y, r_z)` of Alg. 1, radians: the rotation vector nearest to `previous`, so that it never jumps at pi.
-    pub fn rotation_vector_near(&self, previous: &Vector) -> Vector {
-        rotation::to_rotation_vector_near(&self.orientation, previous)
-    }
-}
-
 /// How hand motion becomes camera motion.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Config {
@@ -164,7 +157,7 @@ impl Steering {
         let angle_rad = arc.angle_rad();
         let turn_rad = (angle_rad - config.turn_dead_band_rad).min(config.max_turn_rad_s * elapsed_s);
         if turn_rad > 0.0 {
-            CameraPose { orientation: arc.at(turn_rad / angle_rad), ..*camera }
+            CameraPose { orientation: arc.slerp(turn_rad / angle_rad), ..*camera }
         } else {
             *camera
         }
@@ -254,7 +247,7 @@ mod tests {
             let up = target.orientation * -Vector::y();
             assert!(math::norm(&(up - config.base_from_sensor * direction)) < 2e-6);
             assert_eq!(target.position_mm, START.position_mm);
-            let v = target.rotation_vector_near(&Vector::zeros());
+            let v = rotation::to_rotation_vector(&target.orientation);
             assert!(
                 Arc::between(&rotation::from_rotation_vector(&v), &target.orientation).angle_rad() < 2e-6
             );

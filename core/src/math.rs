@@ -19,6 +19,43 @@ pub fn sqrt(x: f32) -> f32 {
     libm::sqrtf(x)
 }
 
+/// A scalar in which poses are interpolated: single precision on host and microcontroller alike, double on the host.
+pub trait Real: nalgebra::RealField + Copy {
+    /// Square root, correctly rounded.
+    fn root(self) -> Self;
+    /// Angle of the point `(x, self)`, radians in [-pi, pi].
+    fn angle_over(self, x: Self) -> Self;
+    /// Sine and cosine of |angle| <= pi/4, radians.
+    fn sin_cos_eighth(self) -> (Self, Self);
+}
+
+impl Real for f32 {
+    #[inline]
+    fn root(self) -> Self {
+        sqrt(self)
+    }
+    #[inline]
+    fn angle_over(self, x: Self) -> Self {
+        atan2(self, x)
+    }
+    #[inline]
+    fn sin_cos_eighth(self) -> (Self, Self) {
+        sin_cos_eighth(self)
+    }
+}
+
+impl Real for f64 {
+    fn root(self) -> Self {
+        libm::sqrt(self)
+    }
+    fn angle_over(self, x: Self) -> Self {
+        libm::atan2(self, x)
+    }
+    fn sin_cos_eighth(self) -> (Self, Self) {
+        libm::sincos(self)
+    }
+}
+
 /// Arc cosine, radians; NaN outside [-1, 1].
 pub fn acos(x: f32) -> f32 {
     libm::acosf(x)

@@ -3,11 +3,10 @@
 //! nalgebra's own versions call the platform's `sin`, `acos` and square root; these call [`crate::math`], so that host
 //! and microcontroller hold the same bits. Angles are radians.
 
-use core::f32::consts::TAU;
+use nalgebra::{Quaternion, UnitQuaternion};
 
-use nalgebra::Quaternion;
-
-use crate::{Orientation, Vector, math};
+use crate::math::{self, Real};
+use crate::{Orientation, Vector};
 
 /// The shortest turn from one orientation to another, at constant rate.
 ///
@@ -15,41 +14,50 @@ use crate::{Orientation, Vector, math};
 /// spherical interpolation for `x` from minus to plus half the angle between the two. That needs one `atan2` and two
 /// roots per arc and one short polynomial per point, is unit by construction, and is as accurate at a thousandth of a
 /// degree as at 180, where `sin((1 - alpha) t) / sin t` needs a case of its own.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Arc {
-    middle: Quaternion<f32>,
-    across: Quaternion<f32>,
+#[derive(Debug, Clone, Copy)]
+pub struct Arc<T = f32> {
+    middle: Quaternion<T>,
+    across: Quaternion<T>,
     /// A quarter of the angle of rotation: at most pi/4.
-    quarter_rad: f32,
+    quarter_rad: T,
 }
 
-impl Arc {
+impl<T: Real> Arc<T> {
     /// The arc from `from` to `to`, the short way round.
-    pub fn between(from: &Orientation, to: &Orientation) -> Self {
+    pub fn between(from: &UnitQuaternion<T>, to: &UnitQuaternion<T>) -> Self {
         let (a, b) = (from.into_inner(), same_hemisphere(to, from).into_inner());
         let (sum, difference) = (a + b, b - a);
         let (along, apart) = (length(&sum), length(&difference));
-        let across =
-            if apart > 0.0 { difference / apart } else { Quaternion::from_parts(0.0, Vector::zeros()) };
-        Self { middle: sum / along, across, quarter_rad: math::atan2(apart, along) }
+        let still = Quaternion::new(T::zero(), T::zero(), T::zero(), T::zero());
+        let across = if apart > T::zero() { difference / apart } else { still };
+        Self { middle: sum / along, across, quarter_rad: apart.angle_over(along) }
     }
 
     /// Angle of the whole turn, 0 to pi.
-    pub fn angle_rad(&self) -> f32 {
-        4.0 * self.quarter_rad
+    pub fn angle_rad(&self) -> T {
+        let half = self.quarter_rad + self.quarter_rad;
+        half + half
     }
 
-    /// The orientation after the share `alpha` (clamped to 0..1) of the turn.
-    pub fn at(&self, alpha: f32) -> Orientation {
-        let (s, c) = math::sin_cos_eighth((2.0 * alpha.clamp(0.0, 1.0) - 1.0) * self.quarter_rad);
-        Orientation::new_unchecked(self.middle * c + self.across * s)
+    /// The orientation after the share `alpha` (clamped to 0..1) of the turn, eq. (19).
+    ///
+    /// Departure: the paper turns rotation vectors, whose formula holds for unit vectors only and fails near half a turn,
+    /// where the torch points down. These are unit quaternions, the short way round: within 1e-6 rad of the exact turn
+    /// in single precision.
+    pub fn slerp(&self, alpha: T) -> UnitQuaternion<T> {
+        let alpha = alpha.clamp(T::zero(), T::one());
+        let (s, c) = ((alpha + alpha - T::one()) * self.quarter_rad).sin_cos_eighth();
+        UnitQuaternion::new_unchecked(self.middle * c + self.across * s)
     }
 }
 
 /// `orientation` with the sign of its quaternion nearest to `reference`: the same rotation.
-pub fn same_hemisphere(orientation: &Orientation, reference: &Orientation) -> Orientation {
-    if dot(orientation, reference) < 0.0 {
-        Orientation::new_unchecked(-orientation.into_inner())
+pub fn same_hemisphere<T: Real>(
+    orientation: &UnitQuaternion<T>,
+    reference: &UnitQuaternion<T>,
+) -> UnitQuaternion<T> {
+    if dot(orientation, reference) < T::zero() {
+        UnitQuaternion::new_unchecked(-orientation.into_inner())
     } else {
         *orientation
     }
@@ -84,18 +92,6 @@ pub fn to_rotation_vector(orientation: &Orientation) -> Vector {
     axis * angle_rad
 }
 
-/// The rotation vector nearest to `previous` among all that mean this rotation: no jump at pi.
-pub fn to_rotation_vector_near(orientation: &Orientation, previous: &Vector) -> Vector {
-    let (mut axis, angle_rad) = axis_angle(orientation);
-    if angle_rad == 0.0 {
-        // Every axis is one of the identity's; whole turns stay on the previous one.
-        axis = math::direction(previous, f32::MIN_POSITIVE).map_or_else(Vector::zeros, |d| d.into_inner());
-    }
-    let turns = (axis.dot(previous) - angle_rad) / TAU;
-    let whole = (turns + if turns < 0.0 { -0.5 } else { 0.5 }) as i32;
-    axis * (angle_rad + whole as f32 * TAU)
-}
-
 /// The rotation about the axis `rotation_vector` by its length in radians.
 pub fn from_rotation_vector(rotation_vector: &Vector) -> Orientation {
     let angle_rad = math::norm(rotation_vector);
@@ -115,19 +111,19 @@ fn axis_angle(orientation: &Orientation) -> (Vector, f32) {
         .map_or((Vector::zeros(), 0.0), |axis| (axis.into_inner(), 2.0 * math::atan2(math::norm(&v), q.w)))
 }
 
-fn dot(a: &Orientation, b: &Orientation) -> f32 {
+fn dot<T: Real>(a: &UnitQuaternion<T>, b: &UnitQuaternion<T>) -> T {
     a.w * b.w + a.i * b.i + a.j * b.j + a.k * b.k
 }
 
-fn length(q: &Quaternion<f32>) -> f32 {
-    math::sqrt(q.w * q.w + q.i * q.i + q.j * q.j + q.k * q.k)
+fn length<T: Real>(q: &Quaternion<T>) -> T {
+    (q.w * q.w + q.i * q.i + q.j * q.j + q.k * q.k).root()
 }
 
 #[cfg(test)]
 pub(crate) mod tests {
     extern crate std;
     use super::*;
-    use nalgebra::{UnitQuaternion, Vector3};
+    use nalgebra::UnitQuaternion;
 
     /// A fixed sequence of orientations spread over all of them.
     pub(crate) fn orientations() -> impl Iterator<Item = Orientation> {
@@ -157,10 +153,12 @@ pub(crate) mod tests {
                 let arc = Arc::between(&pair[0], &to);
                 let (a, b) = (wide(&pair[0]), wide(&to));
                 for alpha in [0.0_f32, 0.1, 0.25, 0.5, 0.73, 1.0] {
-                    let got = arc.at(alpha);
+                    let got = arc.slerp(alpha);
                     let want = a.try_slerp(&b, f64::from(alpha), 1e-12).unwrap_or(a);
                     assert!(apart_rad(&wide(&got), &want) < 1e-6);
                     assert!((f64::from(length(&got)) - 1.0).abs() < 5e-7, "unit");
+                    let double = Arc::between(&a, &b).slerp(f64::from(alpha));
+                    assert!(apart_rad(&double, &want) < 1e-11 && (length(&double) - 1.0).abs() < 1e-14);
                 }
             }
         }
@@ -174,7 +172,7 @@ pub(crate) mod tests {
         let opposite = unit(0.0, 0.0, 0.0, 1.0).unwrap();
         let half = Arc::between(&a, &opposite);
         assert!((half.angle_rad() - core::f32::consts::PI).abs() < 1e-6);
-        assert!((Arc::between(&a, &half.at(0.5)).angle_rad() - core::f32::consts::FRAC_PI_2).abs() < 1e-6);
+        assert!((Arc::between(&a, &half.slerp(0.5)).angle_rad() - core::f32::consts::FRAC_PI_2).abs() < 1e-6);
         assert_eq!(Arc::between(&a, &a).angle_rad(), 0.0);
     }
 
@@ -197,19 +195,5 @@ pub(crate) mod tests {
             let v = to_rotation_vector(&from_rotation_vector(&Vector::new(tiny, 0.0, 0.0)));
             assert!((v.x - tiny).abs() < 1e-12, "{tiny}");
         }
-    }
-
-    #[test]
-    fn the_rotation_vector_runs_through_pi_and_two_pi_without_a_jump() {
-        let axis = Vector::new(0.6, 0.0, 0.8);
-        let mut previous = Vector::zeros();
-        for step in 0..2000 {
-            let angle = step as f32 * 0.01;
-            let v = to_rotation_vector_near(&from_rotation_vector(&(axis * angle)), &previous);
-            assert!(math::norm(&(v - axis * angle)) < 2e-4, "{angle}: {v}");
-            previous = v;
-        }
-        let kept = to_rotation_vector_near(&Orientation::identity(), &(Vector3::z() * TAU));
-        assert!((kept.z - TAU).abs() < 1e-5);
     }
 }

@@ -21,6 +21,8 @@ pub mod torch;
 pub mod weave;
 
 use nalgebra::{Point3, UnitQuaternion, Vector3};
+use weldpath_core::path::interpolation::position_between;
+use weldpath_core::rotation::Arc;
 
 /// One pose of the torch on its seam.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -101,17 +103,13 @@ impl SeamPath {
 /// Points nearer than this are one place, mm.
 const SAME_PLACE_MM: f64 = 1e-6;
 
-/// The pose at `alpha` (0..1) of the move from `a` to `b`: linear, and the shortest way round (the paper's
-/// interpolation in double precision). It belongs to the move that ends at `b`, without a stop.
+/// The pose at `alpha` (0..1) of the move from `a` to `b`: linear, and the shortest way round (paper II-F, in double
+/// precision). It belongs to the move that ends at `b`, without a stop.
 fn between(a: &PathPoint, b: &PathPoint, alpha: f64) -> PathPoint {
-    let nearer = if alpha < 0.5 { a } else { b };
     PathPoint {
         s_mm: a.s_mm + (b.s_mm - a.s_mm) * alpha,
-        position_mm: a.position_mm + (b.position_mm - a.position_mm) * alpha,
-        base_from_torch: a
-            .base_from_torch
-            .try_slerp(&b.base_from_torch, alpha, 1e-9)
-            .unwrap_or(nearer.base_from_torch),
+        position_mm: position_between(&a.position_mm, &b.position_mm, alpha),
+        base_from_torch: Arc::between(&a.base_from_torch, &b.base_from_torch).slerp(alpha),
         process: Process { dwell_s: None, ..b.process },
     }
 }

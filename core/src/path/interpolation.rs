@@ -5,20 +5,29 @@
 //!
 //! Departures. The paper counts `j = 0..=rho`, which doubles every joint: here `j = 0..rho` and the last pose once.
 //! It interpolates rotation vectors, which fails near half a turn (a torch that points down): here unit quaternions,
-//! the short way round. See [`Arc`] for how.
+//! the short way round, see [`Arc`].
 
 use core::iter;
 
 use super::TorchPose;
+use crate::math::{self, Real};
 use crate::rotation::{self, Arc};
-use crate::{Orientation, Point, Vector, math};
+use nalgebra::Point3;
+
+/// Position of the `j`-th of `rho` poses at `alpha = j / rho`, eq. (18), mm.
+///
+/// Host and pendant fill in their paths by this and by [`Arc::slerp`]: the host in double precision, the pendant in
+/// single.
+#[inline]
+pub fn position_between<T: Real>(from_mm: &Point3<T>, to_mm: &Point3<T>, alpha: T) -> Point3<T> {
+    from_mm + (to_mm - from_mm) * alpha
+}
 
 /// The straight and evenly turning motion between two poses.
 #[derive(Debug, Clone, Copy)]
 pub struct Segment {
     from: TorchPose,
     to: TorchPose,
-    chord_mm: Vector,
     length_mm: f32,
     arc: Arc,
 }
@@ -26,13 +35,11 @@ pub struct Segment {
 impl Segment {
     /// The segment between two poses; the sign of `to`'s quaternion is made that of `from`'s.
     pub fn new(from: &TorchPose, to: &TorchPose) -> Self {
-        let chord_mm = to.position_mm - from.position_mm;
         let orientation = rotation::same_hemisphere(&to.orientation, &from.orientation);
         Self {
             from: *from,
             to: TorchPose { orientation, ..*to },
-            chord_mm,
-            length_mm: math::norm(&chord_mm),
+            length_mm: math::norm(&(to.position_mm - from.position_mm)),
             arc: Arc::between(&from.orientation, &to.orientation),
         }
     }
@@ -54,18 +61,11 @@ impl Segment {
         } else if alpha >= 1.0 {
             self.to
         } else {
-            TorchPose { position_mm: self.position_at(alpha), orientation: self.orientation_at(alpha) }
+            TorchPose {
+                position_mm: position_between(&self.from.position_mm, &self.to.position_mm, alpha),
+                orientation: self.arc.slerp(alpha),
+            }
         }
-    }
-
-    /// Position of the `j`-th of `rho` poses at `alpha = j / rho`, eq. (18), mm.
-    fn position_at(&self, alpha: f32) -> Point {
-        self.from.position_mm + self.chord_mm * alpha
-    }
-
-    /// Rotation at the same `alpha`, eq. (19), as quaternions: error below 1e-6 rad.
-    fn orientation_at(&self, alpha: f32) -> Orientation {
-        self.arc.at(alpha)
     }
 }
 
@@ -83,6 +83,23 @@ pub fn segments(sparse: &[TorchPose]) -> impl Iterator<Item = Segment> + '_ {
 /// `per_segment` poses from each waypoint to before the next, and the last waypoint: every waypoint is among them.
 ///
 /// 0 per segment is taken as 1, which is the waypoints alone.
+///
+/// ```
+/// use weldpath_core::path::{TorchPose, interpolation::densify};
+/// use weldpath_core::{Point, Vector, rotation};
+///
+/// let pose = |x_mm, turn_rad| TorchPose {
+///     position_mm: Point::new(x_mm, 0.0, 0.0),
+///     orientation: rotation::from_rotation_vector(&Vector::new(turn_rad, 0.0, 0.0)),
+/// };
+/// // A torch that points down: half a turn about x, where rotation vectors fail.
+/// let sparse = [pose(0.0, 3.1), pose(10.0, 3.2)];
+/// let dense: Vec<TorchPose> = densify(&sparse, 4).collect();
+/// assert_eq!(dense.len(), 5);
+/// assert_eq!(dense[2].position_mm, Point::new(5.0, 0.0, 0.0));
+/// let off = rotation::Arc::between(&dense[2].orientation, &pose(0.0, 3.15).orientation);
+/// assert!(off.angle_rad() < 1e-5);
+/// ```
 pub fn densify(sparse: &[TorchPose], per_segment: u16) -> impl Iterator<Item = TorchPose> + '_ {
     let rho = per_segment.max(1);
     let last = sparse.len().saturating_sub(2);
@@ -94,58 +111,9 @@ pub fn densify(sparse: &[TorchPose], per_segment: u16) -> impl Iterator<Item = T
     along.chain(lone(sparse))
 }
 
-/// Distance between the poses of an evenly spaced path, mm.
-#[derive(Debug, Clone, Copy, PartialEq, PartialOrd)]
-pub struct Pitch(f32);
-
-impl Pitch {
-    /// A pitch above zero; none otherwise.
-    pub fn new(pitch_mm: f32) -> Option<Self> {
-        (pitch_mm.is_finite() && pitch_mm > 0.0).then_some(Self(pitch_mm))
-    }
-
-    /// How many equal steps of at most this pitch make up `length_mm`; at least one.
-    fn steps(self, length_mm: f32) -> u32 {
-        let whole = (length_mm / self.0) as u32;
-        let short = whole as f32 * self.0 < length_mm * (1.0 - 1e-6);
-        whole.saturating_add(u32::from(short)).max(1)
-    }
-}
-
-/// Both ends, and between them poses at equal arc lengths of at most `pitch`; a path that only turns gives its ends.
-pub fn densify_by_pitch(sparse: &[TorchPose], pitch: Pitch) -> impl Iterator<Item = TorchPose> + '_ {
-    let length_mm: f32 = segments(sparse).map(|s| s.length_mm()).sum();
-    let steps = pitch.steps(length_mm);
-    let mut rest = segments(sparse);
-    let mut current = rest.next();
-    let mut passed_mm = 0.0;
-    let mut next_step = 0;
-    let along = iter::from_fn(move || {
-        let mut segment = current?;
-        if next_step == steps {
-            current = None;
-            return Some(rest.by_ref().last().unwrap_or(segment).to);
-        }
-        let at_mm = length_mm * (next_step as f32 / steps as f32);
-        while at_mm > passed_mm + segment.length_mm {
-            let Some(following) = rest.next() else { break };
-            passed_mm += segment.length_mm;
-            segment = following;
-        }
-        current = Some(segment);
-        next_step += 1;
-        Some(segment.at(share(at_mm - passed_mm, segment.length_mm)))
-    });
-    along.chain(lone(sparse))
-}
-
 /// The only pose of a path that has no segment.
 fn lone(sparse: &[TorchPose]) -> Option<TorchPose> {
     if sparse.len() == 1 { sparse.first().copied() } else { None }
-}
-
-fn share(part_mm: f32, whole_mm: f32) -> f32 {
-    if whole_mm > 0.0 { part_mm / whole_mm } else { 0.0 }
 }
 
 #[cfg(test)]
@@ -153,6 +121,7 @@ mod tests {
     extern crate std;
     use super::*;
     use crate::rotation::tests::{orientations, wide};
+    use crate::{Orientation, Point};
     use std::vec::Vec;
 
     fn path(n: usize) -> Vec<TorchPose> {
@@ -201,43 +170,13 @@ mod tests {
         }
         let dense: Vec<_> = densify(&sparse, 8).collect();
         assert!(dense.windows(2).all(|pair| quaternion_dot(&pair[0], &pair[1]) > 0.9));
-        let even: Vec<_> = densify_by_pitch(&sparse, Pitch::new(0.5).unwrap()).collect();
-        assert!(even.windows(2).all(|pair| quaternion_dot(&pair[0], &pair[1]) > 0.0));
     }
 
     #[test]
     fn short_paths_and_no_points_per_segment_have_an_answer() {
         let sparse = path(3);
-        let pitch = Pitch::new(1.0).unwrap();
         assert_eq!(densify(&[], 5).count(), 0);
-        assert_eq!(densify_by_pitch(&[], pitch).count(), 0);
         assert_eq!(densify(&sparse[..1], 5).collect::<Vec<_>>(), sparse[..1]);
-        assert_eq!(densify_by_pitch(&sparse[..1], pitch).collect::<Vec<_>>(), sparse[..1]);
         assert_eq!(densify(&sparse, 0).count(), 3);
-        let turning = [sparse[0], TorchPose { position_mm: sparse[0].position_mm, ..sparse[1] }];
-        assert_eq!(densify_by_pitch(&turning, pitch).count(), 2);
-    }
-
-    #[test]
-    fn equal_pitch_means_equal_arc_length() {
-        let sparse = path(12);
-        let dense: Vec<_> = densify_by_pitch(&sparse, Pitch::new(0.7).unwrap()).collect();
-        let length: f32 = segments(&sparse).map(|s| s.length_mm()).sum();
-        assert_eq!(dense.first().unwrap().position_mm, sparse[0].position_mm);
-        assert_eq!(dense.last().unwrap().position_mm, sparse[11].position_mm);
-        let step = length / (dense.len() - 1) as f32;
-        assert!(step <= 0.7 && step > 0.69);
-        for pair in dense.windows(2) {
-            // A chord across a waypoint is shorter than the way round it, never longer.
-            let chord = math::norm(&(pair[1].position_mm - pair[0].position_mm));
-            assert!(chord < step + 1e-3);
-        }
-    }
-
-    #[test]
-    fn a_pitch_has_a_length() {
-        assert!([0.0, -1.0, f32::NAN, f32::INFINITY].into_iter().all(|p| Pitch::new(p).is_none()));
-        let even = Pitch::new(0.1).unwrap();
-        assert_eq!((even.steps(1.0), even.steps(0.0), even.steps(0.05)), (10, 1, 1));
     }
 }

@@ -1,9 +1,9 @@
-//! Torch frame along the seam, and its stand-off (paper II-F, text before eq. (18)).
+//! Torch frame along the seam (paper II-F, text before eq. (18)).
 //!
 //! Lengths are millimetres, directions are in the robot base frame.
 //! Departure: the paper's `m` is an average of chords and need not be normal to `n`; we keep the part of it that is.
 
-use crate::{Direction, Orientation, Point, Vector, math};
+use crate::{Direction, Orientation, Vector, math};
 
 /// The travel direction is too short or parallel to the normal: no torch frame exists.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -20,24 +20,6 @@ pub fn orientation(normal: Direction, travel_mm: &Vector) -> Result<Orientation,
     let least_mm = MIN_TRAVEL_MM.max(1e-5 * math::norm(travel_mm));
     let m = math::direction(&along_mm, least_mm).ok_or(Degenerate)?.into_inner();
     Ok(crate::rotation::from_basis(&m.cross(&n), &m, &n))
-}
-
-/// Travel direction at `index`: the sum of the chords between the points within `window` of it, mm.
-///
-/// The paper averages the nearest chords; a sum of chords is the chord of the ends. Near the ends of the path the window
-/// is cut, so every path of two distinct points or more has a travel direction everywhere.
-pub fn travel_mm(path: &[Point], index: usize, window: usize) -> Result<Vector, Degenerate> {
-    let reach = window.max(1);
-    let last = path.len().checked_sub(1).ok_or(Degenerate)?;
-    let before = path.get(index.saturating_sub(reach)).ok_or(Degenerate)?;
-    let after = path.get(index.saturating_add(reach).min(last)).ok_or(Degenerate)?;
-    let chord_mm = after - before;
-    (index <= last && math::norm(&chord_mm) > MIN_TRAVEL_MM).then_some(chord_mm).ok_or(Degenerate)
-}
-
-/// Tip of the wire `standoff_mm` off the work: `p + d n`, `n` out of the work.
-pub fn stand_off(point: &Point, normal: Direction, standoff_mm: f32) -> Point {
-    point + normal.into_inner() * standoff_mm
 }
 
 #[cfg(test)]
@@ -61,19 +43,5 @@ mod tests {
     fn travel_along_the_normal_makes_no_frame() {
         assert_eq!(orientation(up(), &Vector::new(0.0, 0.0, 5.0)), Err(Degenerate));
         assert_eq!(orientation(up(), &Vector::zeros()), Err(Degenerate));
-    }
-
-    #[test]
-    fn one_waypoint_makes_no_travel_and_two_do() {
-        let path = [Point::origin(), Point::new(2.0, 0.0, 0.0)];
-        assert_eq!(travel_mm(&path[..1], 0, 3), Err(Degenerate));
-        assert_eq!(travel_mm(&path, 0, 3), Ok(Vector::new(2.0, 0.0, 0.0)));
-        assert_eq!(travel_mm(&path, 1, usize::MAX), Ok(Vector::new(2.0, 0.0, 0.0)));
-        assert_eq!(travel_mm(&path, 2, 1), Err(Degenerate));
-    }
-
-    #[test]
-    fn stand_off_leaves_the_work() {
-        assert_eq!(stand_off(&Point::new(1.0, 2.0, 3.0), up(), 12.0), Point::new(1.0, 2.0, 15.0));
     }
 }

@@ -10,8 +10,8 @@ use core::hint::black_box;
 use core::panic::PanicInfo;
 
 use weldpath_core::gesture::{Attitude, Fingers, HandFrame};
-use weldpath_core::path::interpolation::{Pitch, densify, densify_by_pitch};
-use weldpath_core::path::{PathBuffer, TorchPose};
+use weldpath_core::path::TorchPose;
+use weldpath_core::path::interpolation::densify;
 use weldpath_core::pendant::{Action, Panel, Pendant, Slot, Task};
 use weldpath_core::seam::Patch;
 use weldpath_core::tasks::{Tasks, Workspace};
@@ -56,24 +56,17 @@ fn maths() {
     black_box((math::sqrt(x), math::acos(x), math::atan2(x, any()), math::exp_of_negative(x)));
     black_box((math::sin_cos(x), math::sin_cos_coarse(x), math::direction(&any(), x)));
     let (q, v): (Orientation, Vector) = any();
-    black_box((rotation::from_rotation_vector(&v), rotation::to_rotation_vector_near(&q, &v)));
+    black_box((rotation::from_rotation_vector(&v), rotation::to_rotation_vector(&q)));
     black_box((rotation::from_basis(&v, &any(), &any()), rotation::unit(x, any(), any(), any())));
-    black_box(rotation::Arc::between(&q, &any()).at(x));
+    black_box(rotation::Arc::between(&q, &any()).slerp(x));
 }
 
 #[inline(never)]
 fn paths() {
-    let mut path: PathBuffer<512> = any();
-    let _ = black_box(path.push(any()));
     let poses: &[TorchPose] = any();
     densify(poses, any()).for_each(|pose| {
         black_box(pose);
     });
-    if let Some(pitch) = Pitch::new(any()) {
-        densify_by_pitch(poses, pitch).for_each(|pose| {
-            black_box(pose);
-        });
-    }
 }
 
 #[inline(never)]

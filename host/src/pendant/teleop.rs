@@ -10,7 +10,9 @@ use std::time::{Duration, Instant};
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion};
 use weldpath_core::path::TorchPose;
+use weldpath_core::path::interpolation::position_between;
 use weldpath_core::pendant::Task;
+use weldpath_core::rotation::Arc;
 use weldpath_core::tasks::{Tasks, Workspace};
 use weldpath_core::wire::{Answer, CameraPose, Command, Hand, HandFrame, Jog, Refusal, WirePose};
 use weldpath_core::{Orientation, Point};
@@ -164,9 +166,10 @@ impl Follower {
         let turn_rad = here.rotation.angle_to(&target.rotation);
         let share = |all: f64, most: f64| if all > most { most / all } else { 1.0 };
         let (moved, turned) = (share(way_mm, MOST_MM_S * passed_s), share(turn_rad, MOST_RAD_S * passed_s));
-        let position = here.translation.vector.lerp(&target.translation.vector, moved);
-        let rotation = here.rotation.try_slerp(&target.rotation, turned, 1e-12).unwrap_or(target.rotation);
-        self.base_from_camera = Isometry3::from_parts(Translation3::from(position), rotation);
+        let places = [here, *target].map(|pose| pose.translation.vector.into());
+        let position_mm = position_between(&places[0], &places[1], moved);
+        let rotation = Arc::between(&here.rotation, &target.rotation).slerp(turned);
+        self.base_from_camera = Isometry3::from_parts(Translation3::from(position_mm), rotation);
     }
 }
 

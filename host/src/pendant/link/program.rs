@@ -13,6 +13,8 @@ use weldpath_core::{Orientation, Point};
 
 use crate::weld::program;
 use crate::weld::program::Segment;
+use weldpath_core::path::interpolation::position_between;
+use weldpath_core::rotation::Arc;
 
 /// A turn of 1 rad counts as this much way when a step is too short, µm: the pendant's rule.
 const TURN_UM_PER_RAD: f64 = 10_000.0;
@@ -236,9 +238,8 @@ fn between(
     to: &program::Waypoint,
     share: f64,
 ) -> (Point3<f64>, UnitQuaternion<f64>) {
-    let position_mm = here.position_mm + (to.position_mm - here.position_mm) * share;
-    let turned = here.base_from_torch.try_slerp(&to.base_from_torch, share, 1e-9);
-    (position_mm, turned.unwrap_or(here.base_from_torch))
+    let position_mm = position_between(&here.position_mm, &to.position_mm, share);
+    (position_mm, Arc::between(&here.base_from_torch, &to.base_from_torch).slerp(share))
 }
 
 fn within_reach(

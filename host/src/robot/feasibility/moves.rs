@@ -3,6 +3,8 @@
 use nalgebra::{Point3, UnitQuaternion};
 
 use crate::weld::program::Waypoint;
+use weldpath_core::path::interpolation::position_between;
+use weldpath_core::rotation::Arc;
 
 /// Neighbouring poses are at most this far apart, mm ...
 const STEP_MM: f64 = 10.0;
@@ -26,13 +28,13 @@ pub(super) fn stations(waypoints: &[Waypoint]) -> Vec<Station> {
         let way_mm = (here.position_mm - before.position_mm).norm();
         let turn_rad = before.base_from_torch.angle_to(&here.base_from_torch);
         let steps = (way_mm / STEP_MM).max(turn_rad / STEP_RAD).ceil().max(1.0);
+        let turn = Arc::between(&before.base_from_torch, &here.base_from_torch);
         for k in 1..=steps as usize {
             let share = k as f64 / steps;
-            let turned = before.base_from_torch.try_slerp(&here.base_from_torch, share, 1e-9);
             stations.push(Station {
                 waypoint,
-                tip_mm: before.position_mm + (here.position_mm - before.position_mm) * share,
-                base_from_torch: turned.unwrap_or(here.base_from_torch),
+                tip_mm: position_between(&before.position_mm, &here.position_mm, share),
+                base_from_torch: turn.slerp(share),
                 time_s: way_mm / here.feed_mm_s / steps,
             });
         }

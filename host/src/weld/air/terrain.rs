@@ -15,6 +15,8 @@ use rayon::prelude::*;
 use super::{Pose, up};
 use crate::geometry::cloud::PointCloud;
 use crate::weld::SeamPath;
+use weldpath_core::path::interpolation::position_between;
+use weldpath_core::rotation::Arc;
 
 /// A piece of the torch: a ball in the torch frame, whose origin is the tip of the wire, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -366,12 +368,9 @@ pub(super) fn swept(
     let way_mm = (to.tip_mm - from.tip_mm).norm();
     let turn_mm = from.base_from_torch.angle_to(&to.base_from_torch) * lever_mm;
     let steps = ((way_mm + turn_mm) / step_mm).ceil().max(1.0);
+    let turn = Arc::between(&from.base_from_torch, &to.base_from_torch);
     (0..=steps as usize).map(move |k| {
         let share = k as f64 / steps;
-        let turned = from.base_from_torch.try_slerp(&to.base_from_torch, share, 1e-9);
-        Pose {
-            tip_mm: from.tip_mm + (to.tip_mm - from.tip_mm) * share,
-            base_from_torch: turned.unwrap_or(to.base_from_torch),
-        }
+        Pose { tip_mm: position_between(&from.tip_mm, &to.tip_mm, share), base_from_torch: turn.slerp(share) }
     })
 }

@@ -1,4 +1,5 @@
-//! The square root that the processor has and core, without `unsafe`, cannot reach: for its feature `fpu`.
+//! The square root that the processor has and core, without `unsafe`, cannot reach: for its feature `fpu`. Core with its
+//! features builds from its own folder; the firmware only switches this on.
 //!
 //! Both are correctly rounded (IEEE 754), so this one changes the cost of a result and not its bits: about 5
 //! instructions for 58 of libm's.
