@@ -21,8 +21,8 @@ use weldpath::model::normals::pointwise;
 use weldpath::model::reconstruction;
 use weldpath::model::reconstruction::register;
 use weldpath::pipeline;
-use weldpath::seam::score::edges;
 use weldpath::seam;
+use weldpath::seam::score::edges;
 
 #[allow(dead_code)]
 mod clouds;

@@ -20,7 +20,8 @@ pub enum Method {
     /// Everything this crate knows.
     #[default]
     Weldpath,
-    /// Eqs. (13)-(17) alone: no gate, no classification, edge points ordered as they come; for comparison.
+    /// Eqs. (1)-(17) as printed where that can be run: views chained, no gate, no classification, edge points ordered as
+    /// they come; for comparison. ARCHITECTURE.md lists the repairs.
     Paper {
         /// `t` of eq. (16).
         ratio_threshold: f64,
@@ -129,8 +130,11 @@ pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Re
     observer.stage("normals");
     let patches = clock.time("normals", || normals::of_views(views, &config.normals));
     observer.stage("reconstruction");
-    let registration =
-        clock.time("reconstruction", || reconstruction::register(views, &patches, &config.reconstruction));
+    let register = match config.method {
+        Method::Weldpath => reconstruction::register,
+        Method::Paper { .. } => reconstruction::chain::register,
+    };
+    let registration = clock.time("reconstruction", || register(views, &patches, &config.reconstruction));
     let merged = clock.time("merge", || Merged::new(views, &registration.base_from_camera));
     let raw = clock.time("index", || Grid::new(&merged.points_mm, RAW_CELL_MM));
     let first = downsampling::Scale::of(&merged, &patches, &config.downsampling);

@@ -9,7 +9,9 @@ use weldpath::files;
 use weldpath::files::File;
 use weldpath::lab::comparison;
 use weldpath::lab::evaluation;
-use weldpath::lab::evaluation::{CELL_MM, Error, F1, Options, PathSet, Score, Target, Truth, f1, score};
+use weldpath::lab::evaluation::{
+    CELL_MM, Error, F1, Options, PathSet, Score, Target, Truth, align, f1, score,
+};
 use weldpath::report;
 use weldpath::run::job::Job;
 use weldpath::run::job::quantity::StandoffMm;
@@ -65,8 +67,29 @@ struct Evaluation {
     score: Score,
     /// Path points against the visible stations of the truth.
     f1: Option<F1>,
+    /// What the best rigid motion onto the truth leaves, which is not of the registration.
+    aligned: Moved,
     /// Per view, as `summary.json` has them; empty without one.
     fitness: Vec<Fitness>,
+}
+
+/// The paths moved as one body onto the true seams.
+#[derive(Debug, Serialize)]
+struct Moved {
+    moved_mm: f64,
+    turned_deg: f64,
+    rmse_mm: Option<f64>,
+    rmse_deg: Option<f64>,
+}
+
+impl Moved {
+    /// By the truth's own line; `standoff_mm` is taken away first.
+    fn onto(truth: &Truth, paths: &PathSet, options: &Options) -> Self {
+        let aligned = align(&paths.on_seams(options.standoff_mm), truth, options.target);
+        let left = score(&aligned.paths, truth, &Options { standoff_mm: 0.0, ..*options });
+        let evaluation::Aligned { moved_mm, turned_deg, .. } = aligned;
+        Self { moved_mm, turned_deg, rmse_mm: left.rmse_mm, rmse_deg: left.rmse_deg }
+    }
 }
 
 #[derive(Debug, Serialize)]
@@ -114,6 +137,7 @@ fn against(args: &Args, dir: &Path, truth: &Path) -> Result<(), Failure> {
     let evaluation = Evaluation {
         score: score(&paths, &truth, &options),
         f1: f1(&points, &truth.visible_mm(args.target), CELL_MM),
+        aligned: Moved::onto(&truth, &paths, &options),
         fitness: fitness(dir),
     };
     if args.report {
@@ -190,6 +214,17 @@ fn table(evaluation: &Evaluation) -> String {
             format!("{:.3} (recall {:.3}, precision {:.3})", f1.dice, f1.recall, f1.precision),
         );
     }
+    let aligned = &evaluation.aligned;
+    line(
+        "moved as one body",
+        format!(
+            "by {:.3} mm, {:.3} deg leaves {} mm, {} deg",
+            aligned.moved_mm,
+            aligned.turned_deg,
+            number(aligned.rmse_mm),
+            number(aligned.rmse_deg)
+        ),
+    );
     for fitness in &evaluation.fitness {
         line(&format!("fitness {}", fitness.view), format!("{:.3} -> {:.3}", fitness.before, fitness.after));
     }

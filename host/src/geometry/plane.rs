@@ -85,27 +85,10 @@ impl Scatter {
         })
     }
 
-    /// Unit normal of the fitted plane.
+    /// Unit normal of the fitted plane, eq. (9): the eigenvector of the least eigenvalue. Its sign is arbitrary.
     pub(crate) fn normal(&self) -> Vector3<f32> {
         eigenvector(&self.matrix, self.least).cast()
     }
-}
-
-/// The least and middle eigenvalue of a symmetric matrix, and the unit eigenvector of the least.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Eigen {
-    /// Unit eigenvector of `least`.
-    pub vector: Vector3<f64>,
-    /// Smallest eigenvalue.
-    pub least: f64,
-    /// Middle eigenvalue.
-    pub middle: f64,
-}
-
-/// Eigen-decomposition of a symmetric matrix (xx xy xz yy yz zz) as far as a plane fit needs it.
-pub fn smallest_eigen(matrix: [f64; 6]) -> Eigen {
-    let [least, middle] = lesser_eigenvalues(matrix.map(f64x2::splat)).map(|of| of.to_array()[0]);
-    Eigen { vector: eigenvector(&matrix, least), least, middle }
 }
 
 /// The least and the middle eigenvalue of each of two matrices.

@@ -1,4 +1,5 @@
-//! How good a path is, as the paper's section III measures it: RMSE of position and rotation, F1, fitness.
+//! How good a path is, as the paper's section III measures it: F1, eq. (21), and RMSE, eq. (22). The fitness of eq. (20) is
+//! measured where views are registered, [`crate::model::reconstruction::fitness`].
 //!
 //! The arithmetic of [`score`] is ours, since the paper's `m_i - g_i` needs equal counts and order ([`paper_rmse`]):
 //! lateral distance to the true seam, geodesic angle of the torch, covered share of the visible seam, share of path
@@ -16,7 +17,7 @@ mod truth;
 
 pub use alignment::{Aligned, align};
 pub use deviation::{Deviation, deviations};
-pub use paper::{fitness, paper_rmse};
+pub use paper::paper_rmse;
 pub use path_set::PathSet;
 pub use raster::{CELL_MM, F1, f1};
 pub use seam_score::SeamScore;

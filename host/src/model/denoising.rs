@@ -1,8 +1,9 @@
 //! Bilateral filter (paper II-D, eq. (10)).
 //!
 //! Moves each point along its normal by a mean of its neighbours' heights, weighted by their distance and by the height
-//! itself, so that the other side of an edge counts little. It still rounds corners: seams are found in the filtered cloud and
-//! refined in the raw one. The paper calls the widths variances; here they are standard deviations.
+//! itself, so that the other side of an edge counts little. It still rounds corners: the default takes the edge
+//! intensities from the filtered cloud, fits the two faces of a corner in the unfiltered voxels, and refines seams in the raw
+//! points; the paper's way takes everything from the filtered cloud. The paper calls the widths variances; here they are standard deviations.
 
 use crate::geometry::cloud::PointCloud;
 use crate::geometry::grid::Grid;

@@ -3,9 +3,10 @@
 //! Exact centroids. Voxels with few points are dropped, which removes flying pixels and outliers.
 
 use crate::geometry::cloud::{Merged, PointCloud};
+use crate::geometry::grid::Grid;
 use crate::geometry::statistics::median;
-use crate::model::normals::Patches;
 use crate::model::normals::cells::{Cells, Sums};
+use crate::model::normals::{Patches, pointwise};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
@@ -116,6 +117,14 @@ impl Voxels {
     pub fn turn(&mut self, normals: Vec<Vector3<f32>>) {
         self.toward_camera.clone_from(&normals);
         self.cloud.normals = normals;
+    }
+
+    /// Takes as each point's normal that of its neighbours within `radius_mm`, as the paper does, toward its cameras.
+    pub fn fit_around_points(&mut self, radius_mm: f32) {
+        let grid = Grid::new(&self.cloud.points_mm, radius_mm);
+        let normals = grid.by_point(&pointwise::within(&grid, radius_mm));
+        let faced = normals.iter().zip(&self.toward_camera).map(|(normal, toward)| facing(*normal, toward));
+        self.cloud.normals = faced.collect();
     }
 }
 

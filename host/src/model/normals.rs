@@ -120,7 +120,7 @@ pub fn of_views(views: &[View], config: &Config) -> Vec<Patches> {
     views.par_iter().map(|view| estimate(view, config)).collect()
 }
 
-/// Patches of one view, eq. (9).
+/// Patches of one view.
 pub fn estimate(view: &View, config: &Config) -> Patches {
     let spacing_mm = mean_spacing_mm(&view.points_mm);
     let mut cell_mm = (config.cell_spacings * spacing_mm).max(config.min_cell_mm);

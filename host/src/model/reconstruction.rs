@@ -5,6 +5,7 @@
 //! Gaussian prior, so that what the surfaces cannot see stays where the robot said; view 0 is never moved and defines
 //! the frame. What remains uncertain is returned, per view, and goes into each seam's expected error.
 
+pub mod chain;
 mod correspondence;
 pub mod icp;
 pub mod pair;
@@ -97,6 +98,15 @@ pub struct ViewReport {
     pub moved_deg: f64,
     /// One standard deviation of its position at the work that remains, mm, in the worst direction.
     pub uncertainty_mm: f64,
+}
+
+/// Fitness S, eq. (20): share of the points that overlap a target whose nearest one is nearer than `near_mm`.
+///
+/// `nearest_mm2` are the squared distances of those that overlap, mm². Departure: the paper divides by the number of target
+/// points, of which a view covers a part only; and it says neither its distance nor what overlaps.
+pub fn fitness(nearest_mm2: &[f32], near_mm: f32) -> f64 {
+    let near = nearest_mm2.iter().filter(|d2| **d2 < near_mm * near_mm).count();
+    near as f64 / nearest_mm2.len().max(1) as f64
 }
 
 /// Registers views, given their patches in camera frames; at least one view.
@@ -220,6 +230,27 @@ mod tests {
         let registration = register(views, &patches, &Config::default());
         let warnings = registration.warnings(views, &patches);
         (registration, warnings)
+    }
+
+    #[test]
+    fn fitness_is_the_near_share_of_what_overlaps() {
+        assert_eq!(fitness(&[0.0, 3.9, 4.0, 25.0], 2.0), 0.5);
+        assert_eq!(fitness(&[], 2.0), 0.0);
+    }
+
+    #[test]
+    fn the_papers_chain_puts_views_on_those_before_them() {
+        let views = good_views();
+        let patches = normals::of_views(&views, &normals::Config::default());
+        let registration = chain::register(&views, &patches, &Config::default());
+        let cameras = [[300.0, 280.0, 350.0], [200.0, 380.0, 300.0], [390.0, 200.0, 250.0]];
+        for (k, (pose, camera)) in registration.base_from_camera.iter().zip(cameras).enumerate() {
+            let truth = Isometry3::from_parts(Translation3::from(camera), UnitQuaternion::identity());
+            let work = Point3::new(30.0, 30.0, 30.0);
+            let off_mm = (pose * truth.inverse() * work - work).norm();
+            assert!(off_mm < 0.1, "{k}: {off_mm} mm, of {:?}", registration.fitness);
+            assert!(registration.fitness[k].last() >= registration.fitness[k].first());
+        }
     }
 
     #[test]

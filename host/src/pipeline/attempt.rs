@@ -62,6 +62,9 @@ impl Scan<'_> {
         observer.stage("downsampling");
         let mut voxels =
             clock.time("downsampling", || downsampling::voxel_grid(self.merged, scale.edge_mm, scale.least));
+        if self.config.method != Method::Weldpath {
+            voxels.fit_around_points(scale.bilateral().radius_mm);
+        }
         observer.stage("denoising");
         let sides_unknown = !self.views.iter().all(View::tells_sides);
         // The filter moves points along their normals, whichever way these face: neither it nor what follows from places

@@ -5,7 +5,7 @@ use super::projection;
 use super::truth::{Target, Truth};
 use nalgebra::{Matrix3, Matrix6, Rotation3, Vector3, Vector6};
 
-/// A path set moved as one body.
+/// A path set moved as one body: what remains of its error is one of shape.
 #[derive(Debug, Clone)]
 pub struct Aligned {
     /// The moved paths.

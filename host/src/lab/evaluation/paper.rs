@@ -1,14 +1,14 @@
-//! The paper's own measures, read literally.
+//! The paper's own measure of a path, read literally.
 
 use super::truth::{Target, TruthSeam};
 use nalgebra::Vector3;
-use std::collections::HashMap;
 
 /// Points to which both paths are resampled.
 const SAMPLES: usize = 300;
 
-/// The paper's RMSE of `m_i - g_i`, mm: path and seam resampled to 300 points by arc length and paired by index, in
-/// the better direction, for closed seams also from the best start. None for a path without points.
+/// RMSE of `m_i - g_i`, eq. (22), mm: path and seam resampled to 300 points by arc length and paired by index, in
+/// the better direction, for closed seams also from the best start. The paper does not say how its paths come to equal
+/// numbers of points. None for a path without points.
 pub fn paper_rmse(path_mm: &[Vector3<f64>], seam: &TruthSeam, target: Target) -> Option<f64> {
     let mut line: Vec<Vector3<f64>> = seam.line(target).iter().map(|p| Vector3::from(*p)).collect();
     if seam.closed {
@@ -47,29 +47,4 @@ fn resampled(line: &[Vector3<f64>]) -> Option<Vec<Vector3<f64>>> {
         }
     };
     Some((0..SAMPLES).map(at).collect())
-}
-
-/// The paper's fitness S: of the source points within `overlap_mm` of a target, the share nearer than `near_mm`.
-/// None if nothing overlaps.
-pub fn fitness(
-    source_mm: &[Vector3<f64>],
-    target_mm: &[Vector3<f64>],
-    near_mm: f64,
-    overlap_mm: f64,
-) -> Option<f64> {
-    // Clamped so that a neighbour's index cannot overflow, whatever the coordinates.
-    let cell = |p: &Vector3<f64>| p.map(|x| (x / overlap_mm).floor().clamp(-1e15, 1e15) as i64);
-    let mut grid: HashMap<Vector3<i64>, Vec<Vector3<f64>>> = HashMap::new();
-    for point in target_mm {
-        grid.entry(cell(point)).or_default().push(*point);
-    }
-    let nearest = |p: &Vector3<f64>| {
-        let home = cell(p);
-        let around = (0..27).map(|k| home + Vector3::new(k % 3 - 1, k / 3 % 3 - 1, k / 9 - 1));
-        let candidates = around.filter_map(|c| grid.get(&c)).flatten();
-        candidates.map(|q| (q - p).norm()).fold(f64::INFINITY, f64::min)
-    };
-    let overlapping: Vec<f64> = source_mm.iter().map(nearest).filter(|d| *d < overlap_mm).collect();
-    let near = overlapping.iter().filter(|d| **d < near_mm).count();
-    (!overlapping.is_empty()).then(|| near as f64 / overlapping.len() as f64)
 }

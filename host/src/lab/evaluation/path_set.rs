@@ -78,6 +78,11 @@ impl PathSet {
         }
     }
 
+    /// The same paths on the seams that they were offset from by `standoff_mm`.
+    pub fn on_seams(&self, standoff_mm: f64) -> Self {
+        Self { points_mm: self.without_standoff(standoff_mm), ..self.clone() }
+    }
+
     /// A number for each point that is the same along one path.
     pub(super) fn runs(&self) -> Vec<usize> {
         if let Some(seams) = &self.seams {

@@ -24,7 +24,7 @@ type Cells = HashSet<[i64; 2]>;
 /// Cell of the rasters by which results are quoted, mm.
 pub const CELL_MM: f64 = 2.0;
 
-/// F1 of found points against true ones, both in mm; none if either set is empty.
+/// F1 of found points against true ones, eq. (21), both in mm; none if either set is empty.
 pub fn f1(found_mm: &[[f64; 3]], true_mm: &[[f64; 3]], cell_mm: f64) -> Option<F1> {
     if found_mm.is_empty() || true_mm.is_empty() {
         return None;

@@ -164,15 +164,6 @@ fn f1_is_one_for_equal_sets_and_falls_with_what_is_missing() {
     assert_eq!(f1(&[], &whole, 2.0), None);
 }
 
-#[test]
-fn fitness_is_the_near_share_of_what_overlaps() {
-    let target: Vec<Vector3<f64>> = (0..100).map(|i| Vector3::new(f64::from(i), 0.0, 0.0)).collect();
-    let at = |x: f64, y: f64| Vector3::new(x, y, 0.0);
-    let source = [at(10.0, 1.0), at(20.0, 3.0), at(30.0, -1.5), at(40.0, -4.0), at(50.0, 90.0)];
-    assert_eq!(fitness(&source, &target, 2.0, 5.0), Some(0.5));
-    assert_eq!(fitness(&[at(0.0, 500.0)], &target, 2.0, 5.0), None);
-}
-
 fn refusal(text: &str) -> String {
     PathSet::parse(text.as_bytes(), Path::new("path.csv")).unwrap_err().to_string()
 }

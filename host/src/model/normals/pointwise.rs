@@ -1,10 +1,10 @@
 //! The paper's normals as printed: a plane through every point's own neighbours within a radius.
 //!
-//! The pipeline fits planes to cells instead (see [`super::estimate`]); these are for clouds that are to keep every point.
+//! The default fits planes to cells instead (see [`super::estimate`]); the paper's way runs these.
 
 use crate::geometry::grid::Grid;
 use crate::geometry::grid::sweep::{Around, Eight};
-use crate::geometry::plane::smallest_eigen;
+use crate::geometry::plane::Scatter;
 use nalgebra::Vector3;
 use wide::f32x8;
 
@@ -26,7 +26,7 @@ pub fn within(grid: &Grid, radius_mm: f32) -> Vec<Vector3<f32>> {
         let [x, y, z] = [x / n, y / n, z / n];
         let covariance =
             [xx / n - x * x, xy / n - x * y, xz / n - x * z, yy / n - y * y, yz / n - y * z, zz / n - z * z];
-        smallest_eigen(covariance).vector.cast()
+        Scatter::new(covariance, n as f32).normal()
     })
 }
 

@@ -6,7 +6,7 @@
 use super::correspondence::Match;
 use super::source::{Source, Surface};
 use super::system::{Block, Pair, System};
-use super::{Config, Registration};
+use super::{Config, Registration, fitness};
 use crate::geometry::cloud::View;
 use crate::geometry::statistics::robust_deviation;
 use crate::model::normals::Patches;
@@ -207,8 +207,7 @@ impl Problem {
             let count = own().next().map_or(0, |(_, d2)| d2.len());
             let nearest = |k| own().map(|(_, d2)| d2[k]).fold(f32::INFINITY, f32::min);
             let of: Vec<f32> = (0..count).map(nearest).filter(|d2| d2.is_finite()).collect();
-            let near = of.iter().filter(|d2| **d2 < config.fitness_mm.powi(2)).count();
-            seen.fitness[i].push(near as f64 / of.len().max(1) as f64);
+            seen.fitness[i].push(fitness(&of, config.fitness_mm));
             seen.overlap[i] = of.len() as f64 / count.max(1) as f64;
         }
     }

@@ -1,6 +1,9 @@
 //! Point-to-plane ICP of one cloud onto another whose normals are given (paper eqs. (2)-(8)), without weights or priors.
 //!
-//! What the well-known libraries offer under that name, to compare with them; the pipeline solves all views together.
+//! A step of the paper's [`chain`](super::chain), and what the well-known libraries offer under that name; the default
+//! solves all views together. Departures: the small rotation is applied in full, not as the linear matrix of eq. (4);
+//! Cholesky factors of the normal equations in place of the singular value decomposition of eq. (8), whose solution is the
+//! same where it is unique: there are six unknowns and the damping leaves alone what the surfaces do not see.
 //! The answer does not depend on the axes or the origin of the clouds beyond rounding, nor on the number of threads.
 
 use super::correspondence::Match;

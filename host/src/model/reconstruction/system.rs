@@ -88,6 +88,8 @@ impl System {
 
     /// The increments of all views, eq. (8), and their covariance.
     ///
+    /// By a Cholesky factor of the normal equations, where the paper takes the singular value decomposition of `A`: with
+    /// the prior they have full rank, the solution is the same, and the covariance comes from the same factor.
     /// Along each eigenvector of the information only what exceeds the normals' noise is believed; where nothing is
     /// left, the prior alone decides.
     pub(super) fn solve(
