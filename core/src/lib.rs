@@ -8,8 +8,12 @@
 //! |---|---|
 //! | II-B, Alg. 1 | [`gesture`] |
 //! | II-E, eqs. (11)-(17) | [`seam`] |
-//! | II-F, eqs. (18)-(19) | [`path`] |
+//! | II-F, eqs. (18)-(19) | [`path::interpolation`], [`rotation`] |
 //! | not in the paper | [`wire`], [`sender`], [`pendant`], [`tasks`], [`interlock`] |
+//!
+//! Eqs. (1)-(10) and (20)-(22) are the host's. ARCHITECTURE.md has a row for every equation: the function, how it departs
+//! from the paper, and what uses it. The host's default takes eqs. (11) and (12) for its seams and leaves (13)-(17) to the
+//! paper's way, the pendant and the report.
 #![no_std]
 #![forbid(unsafe_code)]
 

@@ -264,20 +264,102 @@ fn equations(line: &str) -> impl Iterator<Item = u32> + '_ {
     line.split("eq. (").skip(1).filter_map(|rest| rest.split(')').next()?.parse().ok())
 }
 
+/// A row of ARCHITECTURE.md's table of equations.
+struct Equation {
+    number: u32,
+    file: String,
+    /// As it is called: `name`, or `Type::name` and `module::name` where the name alone says little.
+    function: String,
+    /// What uses it: by default, by the paper's way, the pendant, evaluation.
+    used: Vec<String>,
+}
+
+/// Cells of a row of a table in Markdown.
+fn cells(row: &str) -> Vec<&str> {
+    row.trim().trim_matches('|').split('|').map(str::trim).collect()
+}
+
+/// What stands in the first pair of backticks.
+fn quoted(cell: &str) -> Option<String> {
+    cell.split('`').nth(1).map(str::to_owned)
+}
+
+fn equations_of_the_table() -> Vec<Equation> {
+    let text = read(&root().join("ARCHITECTURE.md"));
+    let head = "## The paper, equation by equation";
+    let section = text.split(head).nth(1).expect("the section").split("\n### ").next().expect("its table");
+    let row = |line: &str| {
+        let cells = cells(line);
+        let number = cells[0].strip_prefix('(')?.strip_suffix(')')?.parse().ok()?;
+        assert_eq!(cells.len(), 9, "{line}");
+        assert!(cells.iter().all(|cell| !cell.is_empty()), "an empty cell: {line}");
+        let used = cells[5..].iter().map(|cell| (*cell).to_owned()).collect();
+        Some(Equation { number, file: quoted(cells[2])?, function: quoted(cells[3])?, used })
+    };
+    section.lines().filter(|line| line.starts_with('|')).filter_map(row).collect()
+}
+
+/// Whether code calls a function: `name(` that is not its definition, qualified as it is written, or as a method.
+fn calls(code: &str, function: &str) -> bool {
+    let name = function.rsplit("::").next().expect("a name");
+    let inside_a_word = |text: &str| text.ends_with(|c: char| c.is_alphanumeric() || c == '_');
+    let called = |pattern: &str| {
+        let mut places = code.match_indices(pattern).map(|(at, _)| &code[..at]);
+        places.any(|before| !inside_a_word(before) && !before.ends_with("fn "))
+    };
+    called(&format!("{function}(")) || code.contains(&format!(".{name}("))
+}
+
 #[test]
-fn every_equation_is_named_at_the_one_function_that_computes_it() {
-    let mut homes: BTreeMap<u32, Vec<String>> = (1..=19).map(|number| (number, Vec::new())).collect();
+fn every_equation_has_one_function_that_computes_it_and_the_product_calls_it() {
+    let mut homes: BTreeMap<u32, Vec<(String, String)>> = (1..=22).map(|n| (n, Vec::new())).collect();
+    let mut product = Vec::new();
     for path in sources("core/src").into_iter().chain(sources("host/src")) {
+        let file = path.strip_prefix(root()).expect("below the root").to_string_lossy().into_owned();
         for (doc, function) in documented_functions(&read(&path)) {
+            let name = function.split("fn ").nth(1).expect("a function").split(['(', '<']).next();
             for number in equations(&doc) {
-                let homes =
-                    homes.get_mut(&number).unwrap_or_else(|| panic!("eq. ({number}) in {}", path.display()));
-                homes.push(format!("{}: {function}", path.display()));
+                let homes = homes.get_mut(&number).unwrap_or_else(|| panic!("eq. ({number}) in {file}"));
+                homes.push((file.clone(), name.expect("a name").to_owned()));
             }
         }
+        product.push(code(&path));
     }
-    let wrong: Vec<_> = homes.iter().filter(|(_, homes)| homes.len() != 1).collect();
-    assert!(wrong.is_empty(), "not at one function each: {wrong:#?}");
+    let table = equations_of_the_table();
+    assert_eq!(table.iter().map(|row| row.number).collect::<Vec<_>>(), (1..=22).collect::<Vec<_>>());
+    for Equation { number, file, function, used } in table {
+        let name = function.rsplit("::").next().expect("a name").to_owned();
+        assert_eq!(homes[&number], [(file, name)], "eq. ({number}): as documented, and as in the table");
+        assert!(
+            product.iter().any(|code| calls(code, &function)),
+            "eq. ({number}): {function} is not called"
+        );
+        assert!(used.iter().any(|by| by != "no"), "eq. ({number}): {function} is used by nothing");
+    }
+}
+
+#[test]
+fn a_definition_or_a_longer_name_is_no_call() {
+    let called = |code: &str| calls(code, "solve");
+    assert!(called("let x = solve(a);") && called("system.solve(a)") && called("(solve(1))"));
+    assert!(!called("pub fn solve(a: u8) {}") && !called("resolve(a)") && !called("solve"));
+    assert!(
+        calls("point_to_plane::row(a, b)", "point_to_plane::row") && !calls("row(a)", "point_to_plane::row")
+    );
+}
+
+#[test]
+fn what_is_computed_twice_is_held_equal_by_tests_that_exist() {
+    let text = read(&root().join("ARCHITECTURE.md"));
+    let section = text.split("### What is computed twice").nth(1).expect("the section");
+    let section = section.split("\n#").next().expect("its table");
+    let rows = section.lines().filter(|line| line.starts_with('|')).skip(2);
+    let tests: Vec<String> = rows.filter_map(|row| quoted(cells(row).last()?)).collect();
+    assert!(tests.len() >= 3, "{tests:?}");
+    let all: String = ["core/src", "host/src"].iter().flat_map(|f| sources(f)).map(|p| read(&p)).collect();
+    for test in tests {
+        assert!(all.contains(&format!("#[test]\n    fn {test}()")), "{test}");
+    }
 }
 
 /// A package of a lock file: its version and the names of what it depends on.

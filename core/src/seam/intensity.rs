@@ -7,23 +7,23 @@ use crate::{Vector, math};
 
 /// Edge intensity, eq. (12): 0 amid a flat patch, larger toward an edge. Dimensionless.
 ///
-/// `offsets_mm` are the neighbours relative to the point, the point itself left out; `radius_mm` is positive.
-pub fn intensity(offsets_mm: &[Vector], radius_mm: f32) -> f32 {
-    math::norm(&asymmetry(offsets_mm, radius_mm))
-}
-
-/// Displacement of the neighbourhood's centroid from the point, in radii: the vector whose length is the intensity.
+/// `offsets_mm` are the neighbours relative to the point, the point itself left out; `radius_mm` is positive. No
+/// neighbours have no intensity.
 ///
-/// It points into the open angle of a corner: toward the camera where the corner is concave. Zero for no neighbours.
-pub fn asymmetry(offsets_mm: &[Vector], radius_mm: f32) -> Vector {
-    asymmetry_of(offsets_mm.iter().copied(), radius_mm)
-}
-
-/// The same without a buffer.
-pub(super) fn asymmetry_of(offsets_mm: impl Iterator<Item = Vector>, radius_mm: f32) -> Vector {
+/// ```
+/// use weldpath_core::{Vector, seam::intensity};
+///
+/// // Neighbours all round, and on one side only: amid a plate and at its edge.
+/// let round = [[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]];
+/// let offset = |[x, y]: [f32; 2]| Vector::new(x, y, 0.0);
+/// assert_eq!(intensity(round.map(offset), 1.5), 0.0);
+/// assert!(intensity(round.map(offset).into_iter().take(2), 1.5) > 0.3);
+/// ```
+pub fn intensity(offsets_mm: impl IntoIterator<Item = Vector>, radius_mm: f32) -> f32 {
     let (sum_mm, count) = offsets_mm
+        .into_iter()
         .fold((Vector::zeros(), 1.0_f32), |(sum_mm, count), offset_mm| (sum_mm + offset_mm, count + 1.0));
-    sum_mm * (1.0 / (count * radius_mm))
+    math::norm(&(sum_mm * (1.0 / (count * radius_mm))))
 }
 
 #[cfg(test)]
@@ -39,7 +39,7 @@ mod tests {
 
     #[test]
     fn the_centre_of_a_flat_disc_has_no_intensity() {
-        assert!(intensity(&disc(), 2.0) < 1e-6);
+        assert!(intensity(disc(), 2.0) < 1e-6);
     }
 
     #[test]
@@ -54,18 +54,18 @@ mod tests {
                 }
             }
         }
-        assert!((intensity(&offsets, 1.0) - 0.4244).abs() < 0.01);
+        assert!((intensity(offsets.iter().copied(), 1.0) - 0.4244).abs() < 0.01);
     }
 
     #[test]
     fn intensity_is_free_of_scale() {
         let offsets = [Vector::new(1.0, 0.5, 0.2), Vector::new(0.1, 0.9, -0.4), Vector::new(0.3, 0.3, 0.3)];
         let scaled = offsets.map(|o| o * 1000.0);
-        assert!((intensity(&offsets, 2.0) - intensity(&scaled, 2000.0)).abs() < 1e-6);
+        assert!((intensity(offsets, 2.0) - intensity(scaled, 2000.0)).abs() < 1e-6);
     }
 
     #[test]
     fn no_neighbours_make_no_intensity() {
-        assert_eq!(intensity(&[], 1.0), 0.0);
+        assert_eq!(intensity([], 1.0), 0.0);
     }
 }

@@ -1,13 +1,29 @@
 //! A few points with their neighbour lists: the edge scores where no spatial index fits.
 
 use super::gradient::Steepest;
-use super::intensity::asymmetry_of;
 use super::tensor::Spread;
-use super::{Ball, Neighbourhood, RatioThreshold, Tensor};
+use super::{Ball, Neighbourhood, RatioThreshold, Tensor, intensity};
 use crate::{Point, Vector, math};
 use heapless::Vec;
 
 /// Up to `P` points, each with up to `K` neighbours.
+///
+/// ```
+/// use weldpath_core::Point;
+/// use weldpath_core::seam::{Ball, Patch, RatioThreshold};
+///
+/// // Two faces that meet at right angles in the line y = 0, z = 0.
+/// let corner = (0..64).map(|k| {
+///     let (x, v) = ((k % 8) as f32, (k / 16) as f32 + 0.5);
+///     if k / 8 % 2 == 0 { Point::new(x, v, 0.0) } else { Point::new(x, 0.0, v) }
+/// });
+/// let mut patch = Patch::<64, 32>::empty();
+/// let ball = Ball::new(2.2, Ball::LEAST).expect("a radius above zero");
+/// assert!(patch.load(corner, &ball));
+/// let t = RatioThreshold::new(53.0).expect("above 27");
+/// let [beside, amid] = [4, 36].map(|k| patch.score(k, t).expect("in range").intensity);
+/// assert!(beside > 2.0 * amid);
+/// ```
 #[derive(Debug, Clone, Default)]
 pub struct Patch<const P: usize, const K: usize> {
     points: Vec<Point, P>,
@@ -77,7 +93,7 @@ impl<const P: usize, const K: usize> Patch<P, K> {
     /// Intensities of all points, then gradients, which need their neighbours' intensities, and the Gaussians' widths.
     fn measure(&mut self) {
         for (point, near) in self.points.iter().zip(&self.neighbours) {
-            let value = math::norm(&asymmetry_of(near.offsets_mm(&self.points, point), near.radius_mm));
+            let value = intensity(near.offsets_mm(&self.points, point), near.radius_mm);
             let _ = self.intensity.push(value);
         }
         for ((point, near), &own) in self.points.iter().zip(&self.neighbours).zip(&self.intensity) {

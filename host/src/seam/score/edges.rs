@@ -2,7 +2,7 @@
 //!
 //! Beyond the paper: the gate on the intensity itself, derived from the cloud, without which the scale-free ratio takes
 //! flat noise for edges; and the sign of the asymmetry, which tells an inside corner from an outside one. A test holds
-//! every step to core's functions; a neighbourhood here has no capacity, and no least number of points.
+//! every step to core's functions; a neighbourhood here has no capacity, and no least number of points, which [`super::paper`] adds.
 
 use crate::geometry::grid::Grid;
 use crate::geometry::grid::lanes::exp;
@@ -157,7 +157,7 @@ mod tests {
         for slot in 0..grid.len() {
             let near = near(&grid, slot);
             let offsets: Vec<_> = near.iter().map(|n| n.1).collect();
-            assert!(close(intensities[slot], intensity(&offsets, RADIUS_MM)), "intensity of {slot}");
+            assert!(close(intensities[slot], intensity(offsets, RADIUS_MM)), "intensity of {slot}");
             let rises = near.iter().map(|n| (n.1, intensities[n.0] - intensities[slot]));
             let expected = gradient(rises);
             assert!((0..3).all(|k| close(gradients[slot][k], expected[k])), "gradient of {slot}");

@@ -1,6 +1,7 @@
 //! The paper's own extraction (II-E, eqs. (11)-(17)), for comparison: the ratio test alone, no gate, no joint types, edge
 //! points ordered as they come, the normal of the surroundings as the torch axis.
 
+use super::sparse::Sparse;
 use crate::geometry::cloud::PointCloud;
 use crate::geometry::grid::Grid;
 use crate::seam::{Found, INDEX_VOXELS, Input, Joint, Seam, Station, edges};
@@ -59,9 +60,14 @@ pub fn tensors(model: &PointCloud, voxel_mm: f32) -> Vec<Tensor> {
 
 /// The same of a cloud that is indexed, and whose [`edges::asymmetries`] are known.
 fn smoothed(grid: &Grid, asymmetries: &[Vector3<f32>], radius_mm: f32) -> Vec<Tensor> {
-    let intensities: Vec<f32> = asymmetries.iter().map(Vector3::norm).collect();
-    let gradients = edges::gradients(grid, radius_mm, &intensities);
-    grid.by_point(&edges::tensors(grid, radius_mm, &gradients))
+    let sparse = Sparse::of(grid, radius_mm);
+    let mut intensities: Vec<f32> = asymmetries.iter().map(Vector3::norm).collect();
+    sparse.rescore(&mut intensities);
+    let mut gradients = edges::gradients(grid, radius_mm, &intensities);
+    sparse.steepen(&intensities, &mut gradients);
+    let mut tensors = edges::tensors(grid, radius_mm, &gradients);
+    sparse.smooth(&gradients, &mut tensors);
+    grid.by_point(&tensors)
 }
 
 fn any_across(normal: &Vector3<f64>) -> Vector3<f64> {
