@@ -10,6 +10,8 @@ mod depth;
 mod direction;
 #[cfg(feature = "e57")]
 mod e57;
+// The count of a header is checked by its function for every format; the rest is for the two formats alone.
+#[cfg_attr(not(any(feature = "ply", feature = "pcd")), allow(dead_code))]
 mod fast;
 mod frame;
 mod kind;
@@ -17,7 +19,9 @@ mod kind;
 mod las;
 mod manifest;
 mod mesh;
+#[cfg(feature = "pcd")]
 mod pcd;
+#[cfg(feature = "ply")]
 mod ply;
 mod raw;
 mod stl;
@@ -204,8 +208,14 @@ fn parsed(path: &Path) -> Result<Raw, Error> {
 /// The points of one file, as they stand in it.
 fn parse(bytes: Vec<u8>, kind: Kind, path: &Path) -> Result<Raw, Error> {
     match kind {
+        #[cfg(feature = "ply")]
         Kind::Ply => ply::parse(&bytes, path),
+        #[cfg(not(feature = "ply"))]
+        Kind::Ply => without_feature(path, "PLY", "ply"),
+        #[cfg(feature = "pcd")]
         Kind::Pcd => pcd::parse(&bytes, path),
+        #[cfg(not(feature = "pcd"))]
+        Kind::Pcd => without_feature(path, "PCD", "pcd"),
         Kind::Text => text::parse(&bytes, path),
         Kind::Stl => stl::parse(bytes, path),
         Kind::Obj => mesh::parse_obj(&bytes, path),

@@ -280,6 +280,41 @@ fn every_equation_is_named_at_the_one_function_that_computes_it() {
     assert!(wrong.is_empty(), "not at one function each: {wrong:#?}");
 }
 
+/// Crates that the library is built from, itself among them, with the features that `arguments` choose.
+fn crates_of_the_library(arguments: &[&str]) -> BTreeSet<String> {
+    let tree = ["tree", "--package", "weldpath", "--edges", "normal", "--prefix", "none", "--no-dedupe"];
+    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+    let output = std::process::Command::new(cargo)
+        .args(tree)
+        .args(["--locked", "--offline"])
+        .args(arguments)
+        .current_dir(root())
+        .output()
+        .expect("cargo runs");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let text = String::from_utf8(output.stdout).expect("names are text");
+    // `name version (where it is from)`: two versions of a crate are two crates.
+    text.lines().map(|line| line.split(' ').take(2).collect::<Vec<_>>().join(" ")).collect()
+}
+
+/// Largest number of crates that somebody who takes the library alone has to build.
+const MOST_CRATES: usize = 95;
+
+#[test]
+fn the_library_alone_is_built_without_the_command_and_from_few_crates() {
+    let (alone, all) = (crates_of_the_library(&["--no-default-features"]), crates_of_the_library(&[]));
+    assert!(alone.len() <= MOST_CRATES, "{} crates: {alone:#?}", alone.len());
+    let names = |crates: &BTreeSet<String>| -> BTreeSet<String> {
+        crates.iter().filter_map(|one| one.split(' ').next()).map(str::to_owned).collect()
+    };
+    for name in
+        ["clap", "clap_complete", "indicatif", "serialport", "pcd-rs", "ply-rs-bw", "serde-saphyr", "lz-str"]
+    {
+        assert!(!names(&alone).contains(name), "{name} is in the library alone");
+        assert!(names(&all).contains(name), "{name} is not in the default build");
+    }
+}
+
 /// A package of a lock file: its version and the names of what it depends on.
 type Locked = BTreeMap<String, Vec<(String, Vec<String>)>>;
 
