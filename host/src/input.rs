@@ -146,6 +146,14 @@ impl Error {
 ///
 /// # Errors
 /// Names the file, the place in it and a way out.
+///
+/// ```
+/// use std::path::Path;
+/// use weldpath::input::{self, Options};
+///
+/// let error = input::read(Path::new("no-such-scan"), &Options::default()).unwrap_err();
+/// assert!(error.to_string().contains("INPUT is a folder with scan.json"));
+/// ```
 pub fn read(input: &Path, options: &Options) -> Result<Scan, Error> {
     let scan_json = input.join(manifest::NAME);
     if scan_json.is_file() {
@@ -168,6 +176,16 @@ pub fn read(input: &Path, options: &Options) -> Result<Scan, Error> {
 ///
 /// # Errors
 /// As [`read`]; a `scan.json` is refused, since it needs the files beside it.
+///
+/// ```
+/// use std::path::Path;
+/// use weldpath::input::{self, Options, Units};
+///
+/// let options = Options { units: Units::Metres };
+/// let scan = input::read_bytes(b"0.10 0 0\n0.11 0 0\n".to_vec(), Path::new("part.xyz"), &options)?;
+/// assert_eq!(scan.views[0].points_mm.len(), 2);
+/// # Ok::<(), input::Error>(())
+/// ```
 pub fn read_bytes(bytes: Vec<u8>, path: &Path, options: &Options) -> Result<Scan, Error> {
     match kind_of(&bytes, path)? {
         Kind::Png => depth::read_single(&bytes, path),

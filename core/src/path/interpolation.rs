@@ -83,6 +83,15 @@ pub fn segments(sparse: &[TorchPose]) -> impl Iterator<Item = Segment> + '_ {
 /// `per_segment` poses from each waypoint to before the next, and the last waypoint: every waypoint is among them.
 ///
 /// 0 per segment is taken as 1, which is the waypoints alone.
+///
+/// ```
+/// use weldpath_core::path::{TorchPose, interpolation::densify};
+/// use weldpath_core::{Orientation, Point};
+///
+/// let at = |x_mm| TorchPose { position_mm: Point::new(x_mm, 0.0, 0.0), orientation: Orientation::identity() };
+/// let poses = densify(&[at(0.0), at(10.0), at(14.0)], 2);
+/// assert!(poses.map(|pose| pose.position_mm.x).eq([0.0, 5.0, 10.0, 12.0, 14.0]));
+/// ```
 pub fn densify(sparse: &[TorchPose], per_segment: u16) -> impl Iterator<Item = TorchPose> + '_ {
     let rho = per_segment.max(1);
     let last = sparse.len().saturating_sub(2);
@@ -113,6 +122,16 @@ impl Pitch {
 }
 
 /// Both ends, and between them poses at equal arc lengths of at most `pitch`; a path that only turns gives its ends.
+///
+/// ```
+/// use weldpath_core::path::{TorchPose, interpolation::{Pitch, densify_by_pitch}};
+/// use weldpath_core::{Orientation, Point};
+///
+/// let at = |x_mm| TorchPose { position_mm: Point::new(x_mm, 0.0, 0.0), orientation: Orientation::identity() };
+/// let path = [at(0.0), at(3.0), at(10.0)];
+/// let poses = densify_by_pitch(&path, Pitch::new(2.5).unwrap());
+/// assert!(poses.map(|pose| pose.position_mm.x).eq([0.0, 2.5, 5.0, 7.5, 10.0]));
+/// ```
 pub fn densify_by_pitch(sparse: &[TorchPose], pitch: Pitch) -> impl Iterator<Item = TorchPose> + '_ {
     let length_mm: f32 = segments(sparse).map(|s| s.length_mm()).sum();
     let steps = pitch.steps(length_mm);

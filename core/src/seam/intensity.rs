@@ -8,6 +8,15 @@ use crate::{Vector, math};
 /// Edge intensity, eq. (12): 0 amid a flat patch, larger toward an edge. Dimensionless.
 ///
 /// `offsets_mm` are the neighbours relative to the point, the point itself left out; `radius_mm` is positive.
+///
+/// ```
+/// use weldpath_core::{Vector, seam::intensity};
+///
+/// // Neighbours all round a point, and on one side of it only, as at the rim of a plate.
+/// let [right, left] = [Vector::new(2.0, 0.0, 0.0), Vector::new(-2.0, 0.0, 0.0)];
+/// assert_eq!(intensity(&[right, left], 2.0), 0.0);
+/// assert_eq!(intensity(&[right], 2.0), 0.5);
+/// ```
 pub fn intensity(offsets_mm: &[Vector], radius_mm: f32) -> f32 {
     math::norm(&asymmetry(offsets_mm, radius_mm))
 }

@@ -18,6 +18,13 @@ pub const READ_TIMEOUT: Duration = Duration::from_millis(50);
 pub const WRITE_TIMEOUT: Duration = Duration::from_millis(500);
 
 /// Where a pendant is.
+///
+/// ```
+/// use weldpath::pendant::serial::Address;
+///
+/// assert_eq!("localhost:4000".parse(), Ok(Address::Tcp("localhost:4000".into())));
+/// assert_eq!("/dev/ttyACM0".parse(), Ok(Address::Device("/dev/ttyACM0".into())));
+/// ```
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Address {
     /// A serial port or pseudo-terminal: `/dev/ttyACM0`, `COM3`.
