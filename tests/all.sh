@@ -43,6 +43,9 @@ cargo clippy --workspace --all-targets --quiet -- -D warnings
 say "lints and readers with every feature"
 cargo clippy -p weldpath --all-targets --features e57,las --quiet -- -D warnings
 
+say "lints of the library alone: no command, no optional reader"
+cargo clippy -p weldpath --no-default-features --quiet -- -D warnings
+
 say "documentation"
 RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --quiet
 

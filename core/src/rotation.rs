@@ -80,6 +80,13 @@ pub fn from_basis(x: &Vector, y: &Vector, z: &Vector) -> Orientation {
 }
 
 /// The rotation of the quaternion `w + xi + yj + zk` made unit; none if it is zero or not finite.
+///
+/// ```
+/// use weldpath_core::rotation::unit;
+///
+/// assert!((unit(2.0, 0.0, 0.0, 0.0).unwrap().w - 1.0).abs() < 1e-6);
+/// assert!(unit(0.0, 0.0, 0.0, 0.0).is_none(), "no direction, no rotation");
+/// ```
 pub fn unit(w: f32, x: f32, y: f32, z: f32) -> Option<Orientation> {
     let q = Quaternion::new(w, x, y, z);
     let length = length(&q);

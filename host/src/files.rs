@@ -46,6 +46,15 @@ impl File {
 }
 
 /// Writes all `files` into `directory`, which is made if it is missing. Other files there stay as they are.
+///
+/// ```
+/// use weldpath::files::{File, write};
+///
+/// let folder = tempfile::tempdir()?;
+/// write(folder.path(), &[File::new("a.txt", "one"), File::new("b.txt", "two")]).expect("all of them or none");
+/// assert_eq!(std::fs::read_to_string(folder.path().join("b.txt"))?, "two");
+/// # Ok::<(), std::io::Error>(())
+/// ```
 pub fn write(directory: &Path, files: &[File]) -> Result<(), Error> {
     let made = make(directory)?;
     let result = write_into(directory, files);

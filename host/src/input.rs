@@ -10,6 +10,8 @@ mod depth;
 mod direction;
 #[cfg(feature = "e57")]
 mod e57;
+// The count of a header is checked by its function for every format; the rest is for the two formats alone.
+#[cfg_attr(not(any(feature = "ply", feature = "pcd")), allow(dead_code))]
 mod fast;
 mod frame;
 mod kind;
@@ -17,7 +19,9 @@ mod kind;
 mod las;
 mod manifest;
 mod mesh;
+#[cfg(feature = "pcd")]
 mod pcd;
+#[cfg(feature = "ply")]
 mod ply;
 mod raw;
 mod stl;
@@ -142,6 +146,14 @@ impl Error {
 ///
 /// # Errors
 /// Names the file, the place in it and a way out.
+///
+/// ```
+/// use std::path::Path;
+/// use weldpath::input::{self, Options};
+///
+/// let error = input::read(Path::new("no-such-scan"), &Options::default()).unwrap_err();
+/// assert!(error.to_string().contains("INPUT is a folder with scan.json"));
+/// ```
 pub fn read(input: &Path, options: &Options) -> Result<Scan, Error> {
     let scan_json = input.join(manifest::NAME);
     if scan_json.is_file() {
@@ -164,6 +176,16 @@ pub fn read(input: &Path, options: &Options) -> Result<Scan, Error> {
 ///
 /// # Errors
 /// As [`read`]; a `scan.json` is refused, since it needs the files beside it.
+///
+/// ```
+/// use std::path::Path;
+/// use weldpath::input::{self, Options, Units};
+///
+/// let options = Options { units: Units::Metres };
+/// let scan = input::read_bytes(b"0.10 0 0\n0.11 0 0\n".to_vec(), Path::new("part.xyz"), &options)?;
+/// assert_eq!(scan.views[0].points_mm.len(), 2);
+/// # Ok::<(), input::Error>(())
+/// ```
 pub fn read_bytes(bytes: Vec<u8>, path: &Path, options: &Options) -> Result<Scan, Error> {
     match kind_of(&bytes, path)? {
         Kind::Png => depth::read_single(&bytes, path),
@@ -204,8 +226,14 @@ fn parsed(path: &Path) -> Result<Raw, Error> {
 /// The points of one file, as they stand in it.
 fn parse(bytes: Vec<u8>, kind: Kind, path: &Path) -> Result<Raw, Error> {
     match kind {
+        #[cfg(feature = "ply")]
         Kind::Ply => ply::parse(&bytes, path),
+        #[cfg(not(feature = "ply"))]
+        Kind::Ply => without_feature(path, "PLY", "ply"),
+        #[cfg(feature = "pcd")]
         Kind::Pcd => pcd::parse(&bytes, path),
+        #[cfg(not(feature = "pcd"))]
+        Kind::Pcd => without_feature(path, "PCD", "pcd"),
         Kind::Text => text::parse(&bytes, path),
         Kind::Stl => stl::parse(bytes, path),
         Kind::Obj => mesh::parse_obj(&bytes, path),

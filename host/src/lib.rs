@@ -1,7 +1,46 @@
 //! weldpath: from scans of a workpiece to the motion of a welding torch.
 //!
-//! [`pipeline`] is the whole method on one page; [`input`] reads what a camera saw; [`weld`] is what comes out.
+//! After Zhou et al., *Path Planning with Automatic Seam Extraction over Point Cloud Models for Robotic Arc Welding*.
+//! [`pipeline`] is the whole method on one page. The way of the data, each arrow a function from values to values:
+//!
+//! ```text
+//!  scan.json, PLY, PCD, STL ...                                  job.toml, command line
+//!          |                                                               |
+//!          | input::read                                                   | run::job::Job::read
+//!          v                                                               |
+//!  View, one per camera pose                                               |
+//!          |                                                               |
+//!          | pipeline::plan                                                |
+//!          |   model::normals, model::reconstruction   II-C, eqs. (1)-(8)  |
+//!          |   model::downsampling, model::denoising   II-D, eqs. (9)-(10) |
+//!          v                                                               |
+//!  PointCloud                                                              |
+//!          |   seam::find                              II-E, eqs. (11)-(17)|
+//!          v                                                               |
+//!  Seam, one per joint                                                     |
+//!          |   weld::SeamPath::along                   II-F                |
+//!          v                                                               v
+//!  SeamPath, one per seam -------------> run::postprocessing::postprocess <-+
+//!                                          run::selection, weld::recipe, weld::program, robot::feasibility
+//!                                                  |
+//!                                                  v
+//!                                        Waypoint, the whole program
+//!                                                  |
+//!            +--------------------+----------------+-----+-----------------------+
+//!            | output             | robot::dialect       | report                | pendant::link
+//!            v                    v                      v                       v
+//!   path.csv, path.json   path.script, .mod, .ls   report.html, .svg    a pendant, eqs. (18)-(19)
+//! ```
+//!
+//! Beside it: [`geometry`] is what every stage measures with, [`files`] writes all files of a run or none, [`lab`] makes
+//! scans with exact truth and says how far a plan is from it. Edge scores, interpolation, the link and the pendant's
+//! state machine are [`weldpath_core`], which runs on the pendant as well.
+//!
 //! Millimetres, radians, seconds; robot base frame unless a name says otherwise; transforms are `to_from`.
+//!
+//! The command `weldpath` is the feature `cli`. A library user who wants few crates takes
+//! `default-features = false` and of `ply`, `pcd`, `yaml`, `serial`, `gestures`, `e57`, `las` what is needed. `examples/`
+//! plans a cloud in 20 lines, runs stages of one's own choice, and fills in poses between those of a path.
 #![forbid(unsafe_code)]
 
 pub mod files;

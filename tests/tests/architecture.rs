@@ -33,7 +33,7 @@ const HOST: &[(&str, &[&str])] = &[
     ("pipeline", &["geometry", "model", "seam", "weld"]),
     ("robot", &["files", "geometry", "weld"]),
     ("output", &["geometry", "seam", "weld", "pipeline", "robot"]),
-    ("run", &["files", "geometry", "model", "weld", "pipeline", "robot", "output"]),
+    ("run", &["files", "geometry", "input", "model", "weld", "pipeline", "robot", "output"]),
     ("pendant", &["weld"]),
     ("lab", &["files", "geometry", "input", "model", "seam", "weld", "pipeline", "output", "run", "pendant"]),
     ("report", &["files", "geometry", "seam", "weld", "pipeline", "output", "run", "lab"]),
@@ -359,6 +359,41 @@ fn what_is_computed_twice_is_held_equal_by_tests_that_exist() {
     let all: String = ["core/src", "host/src"].iter().flat_map(|f| sources(f)).map(|p| read(&p)).collect();
     for test in tests {
         assert!(all.contains(&format!("#[test]\n    fn {test}()")), "{test}");
+    }
+}
+
+/// Crates that the library is built from, itself among them, with the features that `arguments` choose.
+fn crates_of_the_library(arguments: &[&str]) -> BTreeSet<String> {
+    let tree = ["tree", "--package", "weldpath", "--edges", "normal", "--prefix", "none", "--no-dedupe"];
+    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+    let output = std::process::Command::new(cargo)
+        .args(tree)
+        .args(["--locked", "--offline"])
+        .args(arguments)
+        .current_dir(root())
+        .output()
+        .expect("cargo runs");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let text = String::from_utf8(output.stdout).expect("names are text");
+    // `name version (where it is from)`: two versions of a crate are two crates.
+    text.lines().map(|line| line.split(' ').take(2).collect::<Vec<_>>().join(" ")).collect()
+}
+
+/// Largest number of crates that somebody who takes the library alone has to build.
+const MOST_CRATES: usize = 95;
+
+#[test]
+fn the_library_alone_is_built_without_the_command_and_from_few_crates() {
+    let (alone, all) = (crates_of_the_library(&["--no-default-features"]), crates_of_the_library(&[]));
+    assert!(alone.len() <= MOST_CRATES, "{} crates: {alone:#?}", alone.len());
+    let names = |crates: &BTreeSet<String>| -> BTreeSet<String> {
+        crates.iter().filter_map(|one| one.split(' ').next()).map(str::to_owned).collect()
+    };
+    for name in
+        ["clap", "clap_complete", "indicatif", "serialport", "pcd-rs", "ply-rs-bw", "serde-saphyr", "lz-str"]
+    {
+        assert!(!names(&alone).contains(name), "{name} is in the library alone");
+        assert!(names(&all).contains(name), "{name} is not in the default build");
     }
 }
 

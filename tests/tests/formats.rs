@@ -34,7 +34,7 @@ fn the_documented_job_is_the_default_job() {
     let default = Job { input: documented.input.clone(), tool: documented.tool.clone(), ..Job::default() };
     assert_eq!(documented.weld().filled(), default.weld().filled());
     assert_eq!(documented.order, default.order);
-    assert_eq!(documented.controller(), default.controller());
+    assert_eq!(documented.program_setup(), default.program_setup());
     assert_eq!(documented.selection, default.selection);
     assert_eq!((documented.units, documented.method), (default.units, default.method));
 }

@@ -127,7 +127,7 @@ fn rotation_vectors_continue(moves: &[&Move]) -> Result<(), String> {
 
 /// The arc burns exactly between the first and the last waypoint of each seam, the gas before and after it.
 fn switching(events: &[Event], waypoints: &[Waypoint], job: &Job) -> Result<(), String> {
-    let (arc_output, gas_output) = (job.controller().arc.output, job.controller().arc.gas_output);
+    let (arc_output, gas_output) = (job.arc().output, job.arc().gas_output);
     let (mut arc, mut gas, mut at) = (false, false, 0);
     for event in events {
         match event {
@@ -155,7 +155,7 @@ fn switching(events: &[Event], waypoints: &[Waypoint], job: &Job) -> Result<(), 
 
 fn tool(events: &[Event], job: &Job) -> Result<(), String> {
     let first_move = events.iter().position(|event| a_move(event).is_some()).unwrap_or(events.len());
-    let Some(tool) = job.controller().tool else { return Ok(()) };
+    let Some(tool) = job.tool() else { return Ok(()) };
     let [x, y, z] = tool.flange_from_tcp_mm.map(|v| v / 1e3);
     let [rx, ry, rz] = tool.flange_from_tcp_rotation_rad;
     let wanted = [Event::Tcp([x, y, z, rx, ry, rz]), Event::Payload(tool.payload_kg, [0.0; 3])];

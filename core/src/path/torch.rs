@@ -13,6 +13,16 @@ pub struct Degenerate;
 const MIN_TRAVEL_MM: f32 = 1e-4;
 
 /// Columns `o = m × n`, `m`, `n` of the paper, right-handed; `normal` points out of the work.
+///
+/// ```
+/// use weldpath_core::path::torch::{Degenerate, orientation};
+/// use weldpath_core::{Direction, Vector};
+///
+/// let up = Direction::new_unchecked(Vector::z());
+/// let base_from_torch = orientation(up, &Vector::new(5.0, 0.0, 0.1)).unwrap();
+/// assert!((base_from_torch * Vector::y() - Vector::x()).norm() < 1e-6, "m is the part of the travel across n");
+/// assert_eq!(orientation(up, &Vector::z()), Err(Degenerate));
+/// ```
 pub fn orientation(normal: Direction, travel_mm: &Vector) -> Result<Orientation, Degenerate> {
     let n = normal.into_inner();
     let along_mm = travel_mm - n * n.dot(travel_mm);

@@ -113,6 +113,20 @@ impl<const P: usize, const K: usize> Patch<P, K> {
     }
 
     /// Score of one point; `None` for an index out of range.
+    ///
+    /// ```
+    /// use weldpath_core::Point;
+    /// use weldpath_core::seam::{Ball, Patch, RatioThreshold};
+    ///
+    /// // A level face that meets an upright one at x = 0: 5 by 9 points on each, 1 mm apart.
+    /// let level = (0..5).flat_map(|x| (0..9).map(move |y| Point::new(x as f32, y as f32, 0.0)));
+    /// let upright = (1..5).flat_map(|z| (0..9).map(move |y| Point::new(0.0, y as f32, z as f32)));
+    /// let mut patch = Patch::<96, 32>::empty();
+    /// assert!(patch.load(level.chain(upright), &Ball::new(2.1, 4).unwrap()));
+    /// let threshold = RatioThreshold::new(53.0).unwrap();
+    /// let [in_the_corner, on_the_face] = [4, 22].map(|index| patch.score(index, threshold).unwrap());
+    /// assert!(in_the_corner.intensity > on_the_face.intensity);
+    /// ```
     pub fn score(&self, index: usize, threshold: RatioThreshold) -> Option<EdgeScore> {
         let (near, own) = (self.neighbours.get(index)?, self.gradient.get(index)?);
         let per_mm2 = *self.falloff.get(index)?;

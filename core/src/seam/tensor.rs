@@ -15,6 +15,13 @@ impl RatioThreshold {
     pub const FLOOR: f32 = 27.0;
 
     /// `None` at or below [`Self::FLOOR`].
+    ///
+    /// ```
+    /// use weldpath_core::seam::RatioThreshold;
+    ///
+    /// assert!(RatioThreshold::new(53.0).is_some(), "the paper's own");
+    /// assert!(RatioThreshold::new(27.0).is_none(), "everything would be an edge");
+    /// ```
     pub fn new(t: f32) -> Option<Self> {
         (t.is_finite() && t > Self::FLOOR).then_some(Self(t))
     }

@@ -6,13 +6,13 @@ use weldpath::files;
 use weldpath::files::File;
 use weldpath::output::summary::Source;
 use weldpath::pipeline::{self, Observer, Plan};
-use weldpath::robot::dialect::Robot;
+use weldpath::robot::dialect::Dialect;
 use weldpath::robot::dialect::moves::TooLong;
 use weldpath::run::job::quantity::{
     ApproachMm, FeedMmS, Output, Place, Points, RatioThreshold, Region, SpacingMm, StandoffMm,
 };
 use weldpath::run::job::robot::{RobotSettings, TorchBodySettings};
-use weldpath::run::job::{Formats, Job, Method, Sequence, Units};
+use weldpath::run::job::{Formats, Job, MethodName, Sequence};
 use weldpath::run::postprocessing;
 use weldpath::run::postprocessing::postprocess;
 use weldpath::run::selection;
@@ -39,7 +39,7 @@ pub(super) struct Args {
     job: Option<PathBuf>,
     /// Unit of the input, where the file does not say it [default: auto]
     #[arg(long)]
-    units: Option<Units>,
+    units: Option<input::Units>,
     /// Hold the tip this far off the seam, along the torch axis [default: 0]
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     standoff_mm: Option<StandoffMm>,
@@ -71,7 +71,7 @@ pub(super) struct Args {
     roi: Option<Region>,
     /// How seams are found; the paper's way is for comparison [default: weldpath]
     #[arg(long)]
-    method: Option<Method>,
+    method: Option<MethodName>,
     /// Threshold of the paper's way, eq. (16) [default: 53]
     #[arg(long, value_name = "T", allow_negative_numbers = true)]
     t: Option<RatioThreshold>,
@@ -89,7 +89,7 @@ pub(super) struct Args {
     torch: Option<TorchBodySettings>,
     /// Write the program for this robot; may be given several times [default: ur]
     #[arg(long, value_name = "ROBOT")]
-    robot: Vec<Robot>,
+    robot: Vec<Dialect>,
     /// Print nothing but errors
     #[arg(long, short)]
     quiet: bool,
@@ -154,7 +154,7 @@ fn job(args: &Args) -> Result<Job, Failure> {
     };
     replace(&mut job.units, args.units);
     replace(&mut job.method, args.method);
-    if args.method == Some(Method::Weldpath) {
+    if args.method == Some(MethodName::Weldpath) {
         job.ratio_threshold = None;
     }
     job.ratio_threshold = args.t.or(job.ratio_threshold);
@@ -179,7 +179,7 @@ fn job(args: &Args) -> Result<Job, Failure> {
     job.torch_body = args.torch.or(job.torch_body);
     place_robot(&mut job, args)?;
     job.input = Some(input(args, &job)?);
-    if job.ratio_threshold.is_some() && job.method == Method::Weldpath {
+    if job.ratio_threshold.is_some() && job.method == MethodName::Weldpath {
         let failure = Failure::new(Exit::Usage, "--t is the threshold of the paper's method only");
         return Err(
             failure.hint("add --method paper, or leave --t out: the threshold is found from the data")
@@ -221,20 +221,12 @@ fn input(args: &Args, job: &Job) -> Result<PathBuf, Failure> {
 fn plan(job: &Job, progress: &mut Progress) -> Result<(Plan, Source), Failure> {
     progress.stage("scan");
     let input = job.input.as_deref().unwrap_or(Path::new("."));
-    let scan = input::read(input, &input::Options { units: units(job.units) })
+    let scan = input::read(input, &input::Options { units: job.units })
         .map_err(|error| Failure::new(Exit::Input, error))?;
     let mut plan = pipeline::plan(&scan.views, &job.pipeline(), progress).map_err(not_planned)?;
     plan.warnings.splice(0..0, scan.warnings);
     let inputs = scan.inputs.iter().map(|path| path.display().to_string()).collect();
     Ok((plan, Source { inputs, notes: scan.notes }))
-}
-
-pub(super) fn units(units: Units) -> input::Units {
-    match units {
-        Units::M => input::Units::Metres,
-        Units::Mm => input::Units::Millimetres,
-        Units::Auto => input::Units::Auto,
-    }
 }
 
 /// What led to no plan is what one wants to look at most.

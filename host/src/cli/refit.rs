@@ -6,7 +6,7 @@ use weldpath::files;
 use weldpath::files::File;
 use weldpath::input;
 use weldpath::output::{json, ply};
-use weldpath::run::job::{Job, Units};
+use weldpath::run::job::Job;
 use weldpath::run::postprocessing::program_files;
 use weldpath::run::refit;
 use weldpath::run::refit::Refit;
@@ -30,7 +30,7 @@ pub(super) struct Args {
     out: PathBuf,
     /// Unit of the new scan, where the file does not say it [default: auto]
     #[arg(long)]
-    units: Option<Units>,
+    units: Option<input::Units>,
     /// Write the program even if the scan leaves a direction unknown; the smallest motion is taken along it
     #[arg(long)]
     accept_unknown: bool,
@@ -42,7 +42,7 @@ pub(super) struct Args {
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let saved = read(&args.saved)?;
     files::check(&args.out).map_err(not_written)?;
-    let options = input::Options { units: super::plan::units(args.units.unwrap_or_default()) };
+    let options = input::Options { units: args.units.unwrap_or_default() };
     let scan = input::read(&args.scan, &options).map_err(|error| Failure::new(Exit::Input, error))?;
     let new = refit::cloud(&scan.views);
     let fit = refit::refit(&saved.program, &saved.model, &new).map_err(|error| {

@@ -140,6 +140,17 @@ impl Grid {
     }
 
     /// Calls `visit(slot, squared distance)` for every point nearer than `radius_mm` to `q`.
+    ///
+    /// ```
+    /// use nalgebra::Point3;
+    /// use weldpath::geometry::grid::Grid;
+    ///
+    /// let points = [Point3::new(0.0, 0.0, 0.0), Point3::new(3.0, 0.0, 0.0), Point3::new(9.0, 0.0, 0.0)];
+    /// let grid = Grid::new(&points, 4.0);
+    /// let mut near = Vec::new();
+    /// grid.within(&points[0], 4.0, |slot, squared_mm2| near.push((grid.index(slot), squared_mm2)));
+    /// assert_eq!(near, [(0, 0.0), (1, 9.0)]);
+    /// ```
     #[inline]
     pub fn within(&self, q: &Point3<f32>, radius_mm: f32, mut visit: impl FnMut(usize, f32)) {
         let limit = radius_mm * radius_mm;

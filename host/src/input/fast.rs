@@ -10,9 +10,13 @@ use std::path::Path;
 
 use nalgebra::Point3;
 
-use super::kind::{self, Kind};
+use super::Error;
+use super::kind;
+#[cfg(feature = "pcd")]
+use super::pcd;
+#[cfg(feature = "ply")]
+use super::ply;
 use super::raw::{Positions, Raw};
-use super::{Error, pcd, ply};
 
 /// Bytes in which a header is expected to end.
 const HEAD: usize = 1 << 14;
@@ -80,8 +84,10 @@ pub(super) fn read(path: &Path) -> Option<Raw> {
     let mut head = vec![0; HEAD.min(length)];
     file.read_exact(&mut head).ok()?;
     let Records { layout, count, begin, mut raw } = match kind::of(&head, path)? {
-        Kind::Ply => ply::records(&head, length, path),
-        Kind::Pcd => pcd::records(&head, length, path),
+        #[cfg(feature = "ply")]
+        kind::Kind::Ply => ply::records(&head, length, path),
+        #[cfg(feature = "pcd")]
+        kind::Kind::Pcd => pcd::records(&head, length, path),
         _ => None,
     }?;
     // A line that the head cuts off may go on: `DATA binary` as `DATA binary_compressed`.

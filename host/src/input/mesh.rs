@@ -75,6 +75,7 @@ pub(super) fn from_triangles(
 }
 
 /// Adds a polygon as a fan of triangles; refuses a corner that is no vertex.
+#[cfg(feature = "ply")]
 pub(super) fn add_fan(
     corners: impl Iterator<Item = usize> + Clone,
     vertices: usize,

@@ -127,8 +127,7 @@ pub(super) fn easy_handeye(file: &Path) -> Result<Isometry3<f64>, Error> {
     if bytes.len() > LARGEST_FILE {
         return Err(bad(format!("{} bytes are too many for a calibration", bytes.len()), HANDEYE));
     }
-    let saved: Saved =
-        serde_saphyr::from_slice(&bytes).map_err(|e| bad(first_line(&e.to_string()), HANDEYE))?;
+    let saved = saved(&bytes).map_err(|problem| bad(problem, HANDEYE))?;
     let parameters = saved.parameters.unwrap_or_default();
     let on_base = saved.eye_on_hand.or(parameters.eye_on_hand) == Some(false)
         || parameters.calibration_type.is_some_and(|kind| kind == "eye_on_base");
@@ -153,8 +152,17 @@ pub(super) fn easy_handeye(file: &Path) -> Result<Isometry3<f64>, Error> {
 
 const HANDEYE: &str = "Give the file that easy_handeye or easy_handeye2 saved, or the transform itself";
 
-fn first_line(text: &str) -> String {
-    text.lines().next().unwrap_or_default().to_owned()
+#[cfg(feature = "yaml")]
+fn saved(bytes: &[u8]) -> Result<Saved, String> {
+    let first_line = |text: String| text.lines().next().unwrap_or_default().to_owned();
+    serde_saphyr::from_slice(bytes).map_err(|error| first_line(error.to_string()))
+}
+
+/// JSON, of which every file is YAML, is all that this build reads.
+#[cfg(not(feature = "yaml"))]
+fn saved(bytes: &[u8]) -> Result<Saved, String> {
+    serde_json::from_slice(bytes)
+        .map_err(|error| format!("no JSON, and YAML needs the feature `yaml`: {error}"))
 }
 
 /// Where a hand-eye transform is a file's name, the file beside `scan.json`.

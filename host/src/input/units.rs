@@ -3,18 +3,27 @@
 use std::fmt;
 use std::str::FromStr;
 
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
 use super::raw::Extent;
 
-/// Unit of the coordinates in a file.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+/// Unit of a cloud whose file does not say it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 pub enum Units {
-    /// Ask the file, then the size of what it holds.
-    #[default]
-    Auto,
     /// Metres.
+    #[serde(rename = "m")]
+    #[cfg_attr(feature = "cli", value(name = "m"))]
     Metres,
     /// Millimetres.
+    #[serde(rename = "mm")]
+    #[cfg_attr(feature = "cli", value(name = "mm"))]
     Millimetres,
+    /// Told from the size of what was scanned.
+    #[default]
+    #[serde(rename = "auto")]
+    Auto,
 }
 
 /// The text is none of `auto`, `m`, `mm`.

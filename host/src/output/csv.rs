@@ -8,6 +8,21 @@ use crate::weld::SeamPath;
 pub const HEADER: &str = "seam,index,s_mm,x_mm,y_mm,z_mm,qw,qx,qy,qz";
 
 /// The welded points of `paths`, passes one after the other; `index` counts from 0 in each pass. Base frame; `q` is `base_from_torch`.
+///
+/// ```
+/// use nalgebra::{Point3, UnitQuaternion};
+/// use weldpath::weld::{PathPoint, Process, SeamPath};
+/// use weldpath::output::csv;
+///
+/// let at = |x_mm: f64| PathPoint {
+///     s_mm: x_mm,
+///     position_mm: Point3::new(x_mm, 0.0, 0.0),
+///     base_from_torch: UnitQuaternion::identity(),
+///     process: Process::default(),
+/// };
+/// let path = SeamPath { seam: 1, points: vec![at(0.0), at(30.0)] };
+/// assert_eq!(csv::write(&[path]).lines().next(), Some(csv::HEADER));
+/// ```
 pub fn write(paths: &[SeamPath]) -> String {
     let mut text = format!("{HEADER}\n");
     for path in paths {

@@ -100,6 +100,25 @@ fn rounded(value: f64, per_unit: f64) -> f64 {
 }
 
 /// Reads what [`write()`] wrote, or anything of that schema.
+///
+/// ```
+/// use nalgebra::{Point3, UnitQuaternion};
+/// use weldpath::weld::program::{Kind, Waypoint};
+/// use weldpath::output::json;
+///
+/// let at = |x_mm| Waypoint {
+///     position_mm: Point3::new(x_mm, 0.0, 0.0),
+///     base_from_torch: UnitQuaternion::identity(),
+///     feed_mm_s: 8.0,
+///     weld: true,
+///     seam: Some(1),
+///     kind: Kind::Weld,
+///     dwell_s: None,
+/// };
+/// let program = [at(0.0), at(10.0)];
+/// assert_eq!(json::read(&json::write(&program))?, program);
+/// # Ok::<(), json::Error>(())
+/// ```
 pub fn read(text: &str) -> Result<Vec<Waypoint>, Error> {
     let Label { format, version } = serde_json::from_str(text)?;
     if format != FORMAT || version != VERSION {

@@ -126,6 +126,15 @@ pub struct Link {
 
 impl Link {
     /// Opens a session on the line, repeating Hello for [`HELLO_PATIENCE`].
+    ///
+    /// ```no_run
+    /// use weldpath::pendant::{link::Link, serial};
+    ///
+    /// let line = serial::open(&"/dev/ttyACM0".parse()?, 115_200)?;
+    /// let link = Link::open(line)?;
+    /// println!("{:?}", link.pendant());
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
     pub fn open(line: Line) -> Result<Self, Error> {
         let (inputs, received) = channel();
         let (tell, told) = channel();

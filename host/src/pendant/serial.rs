@@ -18,6 +18,13 @@ pub const READ_TIMEOUT: Duration = Duration::from_millis(50);
 pub const WRITE_TIMEOUT: Duration = Duration::from_millis(500);
 
 /// Where a pendant is.
+///
+/// ```
+/// use weldpath::pendant::serial::Address;
+///
+/// assert_eq!("localhost:4000".parse(), Ok(Address::Tcp("localhost:4000".into())));
+/// assert_eq!("/dev/ttyACM0".parse(), Ok(Address::Device("/dev/ttyACM0".into())));
+/// ```
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Address {
     /// A serial port or pseudo-terminal: `/dev/ttyACM0`, `COM3`.
@@ -102,6 +109,7 @@ pub fn open(address: &Address, baud: u32) -> Result<Line, Error> {
     opened.map_err(|source| Error { address: address.clone(), source })
 }
 
+#[cfg(feature = "serial")]
 fn device(path: &str, baud: u32) -> std::io::Result<Line> {
     let mut writer = serialport::new(path, baud).timeout(WRITE_TIMEOUT).open()?;
     let mut reader = writer.try_clone()?;
@@ -110,6 +118,12 @@ fn device(path: &str, baud: u32) -> std::io::Result<Line> {
     let _ = writer.clear(serialport::ClearBuffer::Input);
     writer.set_timeout(WRITE_TIMEOUT)?;
     Ok(Line { reader: Box::new(reader), writer: Box::new(writer) })
+}
+
+#[cfg(not(feature = "serial"))]
+fn device(_: &str, _: u32) -> std::io::Result<Line> {
+    let why = "this build has no serial ports: build it with the feature `serial`";
+    Err(std::io::Error::new(std::io::ErrorKind::Unsupported, why))
 }
 
 fn tcp(place: &str) -> std::io::Result<Line> {

@@ -5,7 +5,7 @@ use super::points::{self, INTENSITY_FULL, Layer};
 use super::{Run, colour};
 use crate::output::summary::Summary;
 use crate::pipeline::Plan;
-use crate::run::job::Method;
+use crate::run::job::MethodName;
 use crate::seam::Seam;
 use crate::weld::air;
 use crate::weld::program::{Kind, Waypoint};
@@ -173,7 +173,7 @@ fn histograms<'a>(run: &Run<'a>) -> Histograms<'a> {
         intensity_gate: derived("intensity_gate").filter(|gate| *gate > 0.0),
         ratio: &recording.ratio,
         ratio_threshold: job.ratio_threshold.unwrap_or_default().get(),
-        ratio_decides: job.method == Method::Paper,
+        ratio_decides: job.method == MethodName::Paper,
         spacing_mm: &recording.spacing_mm,
         spacing_marks_mm: [("mean", "spacing_mm"), ("voxel", "voxel_mm")]
             .iter()

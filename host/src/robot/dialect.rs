@@ -1,5 +1,6 @@
 //! Programs for robot controllers, one module per dialect. What each needs edited before it runs, and what has not
-//! been tried: `docs/programs.md`.
+//! been tried: `docs/programs.md`. A dialect is a file with a function `write`, its `pub mod` and its line in the table
+//! of [`Dialect`].
 
 pub mod fanuc;
 pub mod krl;
@@ -12,61 +13,86 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use self::moves::TooLong;
+use super::arc::WeldingArc;
+use super::tool::Tool;
 use crate::files::File;
 use crate::weld::program::Waypoint;
 
-/// Whose program is written.
-#[derive(
-    Debug,
-    Clone,
-    Copy,
-    PartialEq,
-    Eq,
-    PartialOrd,
-    Ord,
-    Default,
-    Serialize,
-    Deserialize,
-    JsonSchema,
-    clap::ValueEnum,
-)]
-#[serde(rename_all = "kebab-case")]
-pub enum Robot {
+/// The table of dialects: a name, as which the command line and a job file know it in kebab case, and its module.
+macro_rules! dialects {
+    ($($(#[$about:meta])* $name:ident => $module:ident,)*) => {
+        /// Whose program is written.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Serialize, Deserialize, JsonSchema)]
+        #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+        #[serde(rename_all = "kebab-case")]
+        #[schemars(rename = "Robot")]
+        pub enum Dialect {
+            $($(#[$about])* $name,)*
+        }
+
+        impl Dialect {
+            /// The files of the program.
+            ///
+            /// # Errors
+            /// A seam is longer than a program of this dialect may be.
+            ///
+            /// ```
+            /// use weldpath::robot::dialect::Dialect;
+            /// use weldpath::run::job::Job;
+            /// use nalgebra::{Point3, UnitQuaternion};
+            /// use weldpath::weld::program::{Kind, Waypoint};
+            ///
+            /// let at = |x_mm| Waypoint {
+            ///     position_mm: Point3::new(x_mm, 0.0, 0.0),
+            ///     base_from_torch: UnitQuaternion::identity(),
+            ///     feed_mm_s: 8.0,
+            ///     weld: true,
+            ///     seam: Some(1),
+            ///     kind: Kind::Weld,
+            ///     dwell_s: None,
+            /// };
+            /// let program = [at(0.0), at(10.0)];
+            /// let files = Dialect::Ur.write(&program, &Job::default().program_setup())?;
+            /// assert_eq!(files[0].name, "path.script");
+            /// assert!(String::from_utf8_lossy(&files[0].bytes).contains("movep("));
+            /// # Ok::<(), weldpath::robot::dialect::moves::TooLong>(())
+            /// ```
+            pub fn write(self, waypoints: &[Waypoint], setup: &ProgramSetup) -> Result<Vec<File>, TooLong> {
+                match self {
+                    $(Self::$name => $module::write(waypoints, setup),)*
+                }
+            }
+        }
+    };
+}
+
+dialects! {
     /// Universal Robots: URScript, path.script.
     #[default]
-    Ur,
+    Ur => urscript,
     /// ABB: RAPID, NAME.mod.
-    Abb,
+    Abb => rapid,
     /// KUKA: KRL, NAME.src and NAME.dat.
-    Kuka,
+    Kuka => krl,
     /// FANUC: TP listing, NAME.ls.
-    Fanuc,
+    Fanuc => fanuc,
     /// ROS: geometry_msgs/PoseArray, poses.yaml and poses.json.
-    Ros,
+    Ros => ros,
 }
 
 /// Everything the programs need beside the waypoints.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Settings {
+pub struct ProgramSetup {
     /// Of programs, and of the files of dialects in which the two are one.
     pub name: String,
     /// Number of the tool on controllers that number them; used where `tool` is none, and by FANUC always.
     pub tool_number: u32,
     /// Number of the weld data on controllers that keep it themselves.
     pub weld_schedule: u32,
-    /// Tool, and how the arc is switched.
-    pub controller: urscript::Settings,
-}
-
-/// The files of the program for `robot`.
-pub fn files(robot: Robot, waypoints: &[Waypoint], settings: &Settings) -> Result<Vec<File>, TooLong> {
-    Ok(match robot {
-        Robot::Ur => vec![File::new("path.script", urscript::write(waypoints, &settings.controller))],
-        Robot::Abb => rapid::write(waypoints, settings)?,
-        Robot::Kuka => krl::write(waypoints, settings)?,
-        Robot::Fanuc => fanuc::write(waypoints, settings)?,
-        Robot::Ros => ros::write(waypoints),
-    })
+    /// None leaves what is set on the controller.
+    pub tool: Option<Tool>,
+    /// How the arc is switched.
+    pub arc: WeldingArc,
 }
 
 /// Name of part `index`, counted from 0, of a divided program.

@@ -27,7 +27,7 @@ use torch::{Obstacles, Torch};
 
 /// The arm and where it stands.
 #[derive(Debug, Clone)]
-pub struct Robot {
+pub struct PlacedArm {
     /// Which arm.
     pub arm: Arm,
     /// Its base in the scan's base frame, mm; the identity where the scan was taken with it.
@@ -38,9 +38,9 @@ pub struct Robot {
 
 /// What is checked.
 #[derive(Debug, Clone)]
-pub struct Setup {
+pub struct FeasibilitySetup {
     /// Without it only the torch is checked.
-    pub robot: Option<Robot>,
+    pub robot: Option<PlacedArm>,
     /// The torch.
     pub torch: Torch,
     /// Least distance that the torch shall keep from the scanned points, mm.
@@ -99,7 +99,7 @@ impl Report {
 }
 
 /// Checks the program that `program` makes without changes, and tries changes where it fails.
-pub fn assess(program: &Rewelded, model: &PointCloud, setup: &Setup) -> Report {
+pub fn assess(program: &Rewelded, model: &PointCloud, setup: &FeasibilitySetup) -> Report {
     let checker = Checker { setup, obstacles: Obstacles::new(model) };
     let waypoints = program(&[]);
     let checks = checker.checks(&waypoints, Depth::Full);
@@ -122,7 +122,7 @@ enum Depth {
 
 /// The setup with the scan sorted for it.
 struct Checker<'a> {
-    setup: &'a Setup,
+    setup: &'a FeasibilitySetup,
     obstacles: Obstacles,
 }
 
@@ -165,7 +165,7 @@ fn torch_from_tool() -> UnitQuaternion<f64> {
     UnitQuaternion::new_unchecked(Quaternion::new(0.0, 0.0, 1.0, 0.0))
 }
 
-impl Robot {
+impl PlacedArm {
     /// The flange in the robot's own base frame when the tip is at a station.
     fn robot_from_flange(&self, station: &Station) -> Isometry3<f64> {
         let turn = station.base_from_torch * torch_from_tool();

@@ -15,11 +15,12 @@ use nalgebra::Isometry3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::input::Units;
 use crate::pipeline;
-use crate::robot::dialect;
-use crate::robot::dialect::Robot;
-use crate::robot::dialect::urscript;
-use crate::robot::feasibility;
+use crate::robot::arc::WeldingArc;
+use crate::robot::dialect::{Dialect, ProgramSetup};
+use crate::robot::feasibility::{self, FeasibilitySetup, PlacedArm};
+use crate::robot::tool::Tool;
 use crate::weld::recipe::Recipe;
 pub use layer::{
     PassSettings, PathSettings, SeamSettings, StitchSettings, TorchSettings, WeaveSettings, Weld,
@@ -31,23 +32,12 @@ use robot::{RobotSettings, TorchBodySettings};
 /// Where the tip is assumed for the feasibility check if there is no `[tool]`: straight ahead of the flange, mm.
 pub const ASSUMED_TCP_MM: f64 = 350.0;
 
-/// Unit of a cloud whose file does not say it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema, clap::ValueEnum)]
-#[serde(rename_all = "kebab-case")]
-pub enum Units {
-    /// Metres.
-    M,
-    /// Millimetres.
-    Mm,
-    /// Told from the size of what was scanned.
-    #[default]
-    Auto,
-}
-
 /// How seams are found.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]
-pub enum Method {
+#[schemars(rename = "Method")]
+pub enum MethodName {
     /// The whole pipeline.
     #[default]
     Weldpath,
@@ -65,7 +55,7 @@ pub struct Job {
     /// Unit of the input.
     pub units: Units,
     /// How seams are found.
-    pub method: Method,
+    pub method: MethodName,
     /// Threshold `t` of eq. (16), for the method of the paper.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ratio_threshold: Option<RatioThreshold>,
@@ -106,11 +96,11 @@ pub struct Job {
 
 /// Robots whose programs are written; URScript when nothing is said.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-pub struct Formats(pub Vec<Robot>);
+pub struct Formats(pub Vec<Dialect>);
 
 impl Default for Formats {
     fn default() -> Self {
-        Self(vec![Robot::default()])
+        Self(vec![Dialect::default()])
     }
 }
 
@@ -153,7 +143,8 @@ pub struct OrderSettings {
 }
 
 /// Which seam comes next.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]
 pub enum Sequence {
     /// Least air way; seams whose direction is free may be turned round.
@@ -223,6 +214,17 @@ impl Job {
     }
 
     /// Parses the text of the job file at `path`, which is only named in errors.
+    ///
+    /// ```
+    /// use std::path::Path;
+    /// use weldpath::run::job::Job;
+    ///
+    /// let job = Job::parse("[path]\nfeed_mm_s = 6.5\n", Path::new("job.toml"))?;
+    /// assert!(job.to_toml().contains("feed_mm_s = 6.5"));
+    /// let error = Job::parse("[path]\nfeed_mm_min = 400\n", Path::new("job.toml")).unwrap_err();
+    /// assert_eq!(error.hint(), "did you mean `feed_mm_s`? It is in millimetres per second; convert the number");
+    /// # Ok::<(), weldpath::run::job::Error>(())
+    /// ```
     pub fn parse(text: &str, path: &Path) -> Result<Self, Error> {
         let job: Self = toml::from_str(text).map_err(|error| refusal::of_toml(text, path, &error))?;
         refusal::check(&job, text, path)?;
@@ -233,8 +235,8 @@ impl Job {
     pub fn to_toml(&self) -> String {
         let Weld { path, torch, weave, stitch, .. } = self.weld().filled();
         let ratio_threshold = match self.method {
-            Method::Paper => Some(self.ratio_threshold.unwrap_or_default()),
-            Method::Weldpath => self.ratio_threshold,
+            MethodName::Paper => Some(self.ratio_threshold.unwrap_or_default()),
+            MethodName::Weldpath => self.ratio_threshold,
         };
         let job = Self { ratio_threshold, path, torch, weave, stitch, ..self.clone() };
         // Every type in it has a TOML form.
@@ -263,8 +265,8 @@ impl Job {
     /// The settings of the pipeline.
     pub fn pipeline(&self) -> pipeline::Config {
         let method = match self.method {
-            Method::Weldpath => pipeline::Method::Weldpath,
-            Method::Paper => {
+            MethodName::Weldpath => pipeline::Method::Weldpath,
+            MethodName::Paper => {
                 let ratio_threshold = self.ratio_threshold.unwrap_or_default().get();
                 pipeline::Method::Paper { ratio_threshold }
             }
@@ -273,7 +275,7 @@ impl Job {
     }
 
     /// What the feasibility check needs; none if neither a robot nor a torch is given.
-    pub fn feasibility(&self) -> Option<feasibility::Setup> {
+    pub fn feasibility(&self) -> Option<FeasibilitySetup> {
         if self.robot.is_none() && self.torch_body.is_none() {
             return None;
         }
@@ -283,10 +285,10 @@ impl Job {
                 None => Isometry3::translation(0.0, 0.0, ASSUMED_TCP_MM),
             };
             let base_from_robot = robot.base_from_robot();
-            Some(feasibility::Robot { arm: robot.arm()?, base_from_robot, flange_from_tcp })
+            Some(PlacedArm { arm: robot.arm()?, base_from_robot, flange_from_tcp })
         });
         let clearance_mm = self.torch_body.unwrap_or_default().keep_off_mm;
-        Some(feasibility::Setup { robot, torch: self.torch_body(), clearance_mm })
+        Some(FeasibilitySetup { robot, torch: self.torch_body(), clearance_mm })
     }
 
     /// Sizes of the torch; a straight one of usual size if nothing is said.
@@ -294,15 +296,19 @@ impl Job {
         self.torch_body.unwrap_or_default().torch()
     }
 
-    /// What a robot controller needs beside the path.
-    pub fn controller(&self) -> urscript::Settings {
-        let tool = self.tool.as_ref().map(|tool| urscript::Tool {
+    /// What a robot controller has to know about the tool; none leaves what is set there.
+    pub fn tool(&self) -> Option<Tool> {
+        self.tool.as_ref().map(|tool| Tool {
             flange_from_tcp_mm: tool.flange_from_tcp_mm.get(),
             flange_from_tcp_rotation_rad: tool.flange_from_tcp_rotation_rad.get(),
             payload_kg: tool.payload_kg.get(),
             payload_centre_mm: tool.payload_centre_mm.get(),
-        });
-        let arc = urscript::Arc {
+        })
+    }
+
+    /// How the arc is switched.
+    pub fn arc(&self) -> WeldingArc {
+        WeldingArc {
             output: self.arc.output.get() as u8,
             gas_output: self.arc.gas_output.map(|output| output.get() as u8),
             established_input: self.arc.established_input.map(|input| input.get() as u8),
@@ -310,17 +316,17 @@ impl Job {
             strike_s: self.arc.strike_s.get(),
             crater_s: self.arc.crater_s.get(),
             gas_postflow_s: self.arc.gas_postflow_s.get(),
-        };
-        urscript::Settings { tool, arc }
+        }
     }
 
     /// What the robot programs need beside the path.
-    pub fn robot(&self) -> dialect::Settings {
-        dialect::Settings {
+    pub fn program_setup(&self) -> ProgramSetup {
+        ProgramSetup {
             name: self.program.name.to_string(),
             tool_number: self.program.tool_number.get(),
             weld_schedule: self.program.weld_schedule.get(),
-            controller: self.controller(),
+            tool: self.tool(),
+            arc: self.arc(),
         }
     }
 }
@@ -373,7 +379,7 @@ neck_deg = 22
             let again = Job::parse(&job.to_toml(), Path::new("job.toml")).unwrap();
             assert_eq!(job.weld().filled(), again.weld().filled());
             assert_eq!(job.pipeline().method, again.pipeline().method);
-            assert_eq!(job.controller(), again.controller());
+            assert_eq!(job.program_setup(), again.program_setup());
             assert_eq!(job.selection, again.selection);
             assert_eq!((&job.robot, job.torch_body), (&again.robot, again.torch_body));
             assert_eq!(job.to_toml(), again.to_toml());
@@ -395,7 +401,7 @@ neck_deg = 22
         let job = Job::parse(FULL, Path::new("job.toml")).unwrap();
         assert_eq!(job.weld().sampling(), Sampling::Points(120));
         assert_eq!(job.weld().motion().feed_mm_s, 6.5);
-        let controller = job.controller();
+        let controller = job.program_setup();
         assert_eq!((controller.arc.output, controller.arc.established_input), (3, Some(1)));
         assert_eq!(controller.tool.unwrap().flange_from_tcp_mm, [0.0, -50.0, 300.0]);
         let default = Job::default().weld();

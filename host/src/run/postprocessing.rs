@@ -6,13 +6,12 @@ use crate::files::File;
 use crate::output::summary::{Source, Summary};
 use crate::output::{csv, feasibility as feasibility_csv, json, ply};
 use crate::pipeline::Plan;
-use crate::robot::dialect as robot;
 use crate::robot::dialect::moves;
 use crate::robot::feasibility;
 use crate::robot::feasibility::Report;
 use crate::robot::feasibility::suggestion::Change;
 use crate::run::job::layer::{Direction, Weld};
-use crate::run::job::{ASSUMED_TCP_MM, AirMoves, Job, Method, Sequence};
+use crate::run::job::{ASSUMED_TCP_MM, AirMoves, Job, MethodName, Sequence};
 use crate::run::selection;
 use crate::run::selection::select;
 use crate::weld::SeamPath;
@@ -20,7 +19,7 @@ use crate::weld::air::terrain::{Ball, Terrain};
 use crate::weld::air::{End, Surroundings};
 use crate::weld::ends::reverse;
 use crate::weld::ordering;
-use crate::weld::ordering::{AirWays, Gates, Turn, Way, uphill};
+use crate::weld::ordering::{AirWays, AllowedDirection, Gates, Turn, uphill};
 use crate::weld::program::{Pass, Program, Waypoint, program};
 use crate::weld::recipe::{Recipe, apply};
 
@@ -79,8 +78,8 @@ pub fn postprocess(plan: &Plan, job: &Job, source: Source) -> Result<Output, Err
 /// The program in every form in which it is written.
 pub fn program_files(waypoints: &[Waypoint], job: &Job) -> Result<Vec<File>, moves::TooLong> {
     let mut files = vec![File::new("path.json", json::write(waypoints))];
-    for robot in job.formats.0.iter().copied().collect::<BTreeSet<_>>() {
-        files.extend(robot::files(robot, waypoints, &job.robot())?);
+    for dialect in job.formats.0.iter().copied().collect::<BTreeSet<_>>() {
+        files.extend(dialect.write(waypoints, &job.program_setup())?);
     }
     Ok(files)
 }
@@ -92,7 +91,7 @@ fn ordered(paths: Vec<SeamPath>, plan: &Plan, job: &Job) -> Result<Vec<(SeamPath
         let weld = weld(&path, plan, job)?;
         seams.push((path, weld));
     }
-    let ways: Vec<Way> = seams.iter().map(|(path, weld)| way(path, weld, job)).collect();
+    let ways: Vec<AllowedDirection> = seams.iter().map(|(path, weld)| way(path, weld, job)).collect();
     let order = match job.order.sequence {
         Sequence::Shortest if seams.len() > 1 => shortest(&seams, &ways, plan, job),
         _ => ordering::found(&ways),
@@ -105,7 +104,7 @@ fn ordered(paths: Vec<SeamPath>, plan: &Plan, job: &Job) -> Result<Vec<(SeamPath
 }
 
 /// The order with the least air way; that in which they were found if one of them is not welded at all.
-fn shortest(seams: &[(SeamPath, Weld)], ways: &[Way], plan: &Plan, job: &Job) -> Vec<Turn> {
+fn shortest(seams: &[(SeamPath, Weld)], ways: &[AllowedDirection], plan: &Plan, job: &Job) -> Vec<Turn> {
     let both = |(path, weld): &(SeamPath, Weld)| {
         [path.clone(), reverse(path)].map(|path| passes(&path, weld, job.method, &[]))
     };
@@ -113,7 +112,7 @@ fn shortest(seams: &[(SeamPath, Weld)], ways: &[Way], plan: &Plan, job: &Job) ->
     let all: Vec<Pass> = runs.iter().flatten().flatten().cloned().collect();
     let terrain = terrain(&all, plan, job);
     let around = Surroundings::new(&terrain, &all);
-    let gates = |(runs, way): (&[Vec<Pass>; 2], &Way)| {
+    let gates = |(runs, way): (&[Vec<Pass>; 2], &AllowedDirection)| {
         let [forward, reverse] = [gate(&runs[0], &around)?, gate(&runs[1], &around)?];
         Some(Gates { forward, reverse, way: *way })
     };
@@ -157,31 +156,31 @@ fn weld(path: &SeamPath, plan: &Plan, job: &Job) -> Result<Weld, selection::Erro
     Ok(weld)
 }
 
-fn way(path: &SeamPath, weld: &Weld, job: &Job) -> Way {
+fn way(path: &SeamPath, weld: &Weld, job: &Job) -> AllowedDirection {
     let opposite = |way| match way {
-        Way::Free => Way::Free,
-        Way::Forward => Way::Reverse,
-        Way::Reverse => Way::Forward,
+        AllowedDirection::Free => AllowedDirection::Free,
+        AllowedDirection::Forward => AllowedDirection::Reverse,
+        AllowedDirection::Reverse => AllowedDirection::Forward,
     };
     match weld.direction() {
-        Direction::Free if job.order.sequence == Sequence::Found => Way::Forward,
-        Direction::Free => Way::Free,
-        Direction::Forward => Way::Forward,
-        Direction::Reverse => Way::Reverse,
+        Direction::Free if job.order.sequence == Sequence::Found => AllowedDirection::Forward,
+        Direction::Free => AllowedDirection::Free,
+        Direction::Forward => AllowedDirection::Forward,
+        Direction::Reverse => AllowedDirection::Reverse,
         Direction::Up => uphill(path, job.order.up.get()),
         Direction::Down => opposite(uphill(path, job.order.up.get())),
     }
 }
 
 /// The passes of a seam, with the changes that name it.
-fn passes(path: &SeamPath, weld: &Weld, method: Method, changes: &[(usize, Change)]) -> Vec<Pass> {
+fn passes(path: &SeamPath, weld: &Weld, method: MethodName, changes: &[(usize, Change)]) -> Vec<Pass> {
     let own = || changes.iter().filter(|(seam, _)| *seam == path.seam).map(|(_, change)| change);
     let turned = own().filter(|change| change.reverses()).count() % 2 == 1;
     let path = if turned { reverse(path) } else { path.clone() };
     // The paper's edge points come in no order that could be sampled anew.
     let recipe = |recipe: Recipe| match method {
-        Method::Paper => Recipe { sampling: None, ..recipe },
-        Method::Weldpath => recipe,
+        MethodName::Paper => Recipe { sampling: None, ..recipe },
+        MethodName::Weldpath => recipe,
     };
     let changed = |first: Recipe| own().fold(first, |recipe, change| change.on(recipe));
     let pass = |(own, motion)| Pass { path: apply(&path, &recipe(changed(own))), motion };

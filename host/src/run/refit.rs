@@ -156,6 +156,25 @@ pub fn refit(program: &[Waypoint], model: &PointCloud, new: &PointCloud) -> Resu
 }
 
 /// The program where the part is now.
+///
+/// ```
+/// use nalgebra::{Isometry3, Point3, UnitQuaternion};
+/// use weldpath::run::refit::moved;
+/// use weldpath::weld::program::{Kind, Waypoint};
+///
+/// let at = |x_mm| Waypoint {
+///     position_mm: Point3::new(x_mm, 0.0, 0.0),
+///     base_from_torch: UnitQuaternion::identity(),
+///     feed_mm_s: 8.0,
+///     weld: true,
+///     seam: Some(1),
+///     kind: Kind::Weld,
+///     dwell_s: None,
+/// };
+/// let program = [at(0.0), at(10.0)];
+/// let new_from_old = Isometry3::translation(0.0, 5.0, 0.0);
+/// assert_eq!(moved(&program, &new_from_old)[1].position_mm, Point3::new(10.0, 5.0, 0.0));
+/// ```
 pub fn moved(program: &[Waypoint], new_from_old: &Isometry3<f64>) -> Vec<Waypoint> {
     let moved = |waypoint: &Waypoint| Waypoint {
         position_mm: new_from_old * waypoint.position_mm,

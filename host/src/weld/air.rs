@@ -29,14 +29,14 @@ const GAIN_MM: f64 = 1e-6;
 
 /// Where the torch is, and how it is turned.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Pose {
+pub struct TorchPlace {
     /// Tip of the wire, mm, base frame.
     pub tip_mm: Point3<f64>,
     /// Columns `(o, m, n)`, as in [`PathPoint`].
     pub base_from_torch: UnitQuaternion<f64>,
 }
 
-impl Pose {
+impl TorchPlace {
     /// Of the torch over a point of a path, so far off along its axis.
     pub fn over(point: &PathPoint, off_mm: f64) -> Self {
         let tip_mm = point.position_mm + point.out_of_work() * off_mm;
@@ -64,7 +64,7 @@ pub struct Surroundings<'a> {
 #[derive(Debug, Clone, PartialEq)]
 pub struct End {
     /// The retract or the approach.
-    pub pose: Pose,
+    pub pose: TorchPlace,
     /// From there to the safe level.
     pub way_out: WayOut,
     /// Distance of each piece of the torch from what was seen, mm; nothing where no map is used.
@@ -83,7 +83,7 @@ pub struct WayOut {
 
 /// A way from the retract of one pass to the approach of the next.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Way {
+pub struct AirRoute {
     /// Places to pass with the torch turned as at the retract, mm.
     pub out_mm: Vec<Point3<f64>>,
     /// Places to pass after them, with the torch turned as at the approach, mm.
@@ -111,7 +111,7 @@ impl<'a> Surroundings<'a> {
 
     /// At `off_mm` over a point where a pass begins or ends.
     pub fn end(&self, point: &PathPoint, off_mm: f64) -> End {
-        let pose = Pose::over(point, off_mm);
+        let pose = TorchPlace::over(point, off_mm);
         let way_out = self.way_out(pose.tip_mm, point.out_of_work(), off_mm);
         let (mut room_mm, mut stretches) = (Vec::new(), Stretches::default());
         if let (Some(map), Some(known)) = (&self.terrain.map, &self.known) {
@@ -123,7 +123,7 @@ impl<'a> Surroundings<'a> {
     }
 
     /// The shortest way found; never longer than that over the safe level.
-    pub fn way(&self, from: &End, to: &End) -> Way {
+    pub fn way(&self, from: &End, to: &End) -> AirRoute {
         let safe = over_the_safe_level(from, to);
         let (Some(map), Some(known)) = (&self.terrain.map, &self.known) else { return safe };
         let (up, safe_level_mm) = (self.terrain.up, self.safe_level_mm);
@@ -137,7 +137,7 @@ impl<'a> Surroundings<'a> {
         if (across[0].tip_mm - across[1].tip_mm).norm() < SAME_PLACE_MM && !out_mm.is_empty() {
             back_mm.clear();
         }
-        Way { out_mm, back_mm, length_mm, free: true }
+        AirRoute { out_mm, back_mm, length_mm, free: true }
     }
 
     /// From `retract_mm`, reached along `out_of_work`, to the safe level; `approach_mm` off the seam.
@@ -188,12 +188,12 @@ pub fn safe_mm(from: &End, to: &End) -> f64 {
     over_the_safe_level(from, to).length_mm
 }
 
-fn over_the_safe_level(from: &End, to: &End) -> Way {
+fn over_the_safe_level(from: &End, to: &End) -> AirRoute {
     let out_mm = from.way_out.via_mm.clone();
     let back_mm: Vec<_> = to.way_out.via_mm.iter().rev().copied().collect();
     let across: Vec<_> = out_mm.iter().chain(&back_mm).chain([&to.pose.tip_mm]).copied().collect();
     let length_mm = polyline_mm(&[from.pose.tip_mm], &across);
-    Way { out_mm, back_mm, length_mm, free: from.way_out.free && to.way_out.free }
+    AirRoute { out_mm, back_mm, length_mm, free: from.way_out.free && to.way_out.free }
 }
 
 fn polyline_mm(first: &[Point3<f64>], rest: &[Point3<f64>]) -> f64 {
@@ -202,14 +202,14 @@ fn polyline_mm(first: &[Point3<f64>], rest: &[Point3<f64>]) -> f64 {
 }
 
 /// The approach, the moves on the line, and the retract of a pass.
-fn moves_of(pass: &Pass) -> impl Iterator<Item = [Pose; 2]> {
+fn moves_of(pass: &Pass) -> impl Iterator<Item = [TorchPlace; 2]> {
     let points = pass.path.points.as_slice();
     let lifted = |point: Option<&PathPoint>, off_mm: f64| {
-        point.map(|point| [Pose::over(point, 0.0), Pose::over(point, off_mm)])
+        point.map(|point| [TorchPlace::over(point, 0.0), TorchPlace::over(point, off_mm)])
     };
     let ends =
         [lifted(points.first(), pass.motion.approach_mm), lifted(points.last(), pass.motion.retract_mm)];
-    let line = points.windows(2).map(|w| [Pose::over(&w[0], 0.0), Pose::over(&w[1], 0.0)]);
+    let line = points.windows(2).map(|w| [TorchPlace::over(&w[0], 0.0), TorchPlace::over(&w[1], 0.0)]);
     ends.into_iter().flatten().chain(line)
 }
 

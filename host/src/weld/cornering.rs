@@ -8,7 +8,7 @@ use super::{PathPoint, SeamPath, at, between};
 
 /// What happens at a corner.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Corner {
+pub enum Cornering {
     /// The controller's own blend.
     Pass,
     /// The torch stands exactly at the corner before it goes on.
@@ -21,14 +21,14 @@ pub enum Corner {
 const SAGITTA_MM: f64 = 0.02;
 
 /// Treats every corner between the ends.
-pub fn corner(path: &SeamPath, corner: Corner) -> SeamPath {
+pub fn corner(path: &SeamPath, corner: Cornering) -> SeamPath {
     if path.points.len() < 3 {
         return path.clone();
     }
     match corner {
-        Corner::Pass => path.clone(),
-        Corner::Stop => stop(path),
-        Corner::BlendMm(radius_mm) => blend(path, radius_mm),
+        Cornering::Pass => path.clone(),
+        Cornering::Stop => stop(path),
+        Cornering::BlendMm(radius_mm) => blend(path, radius_mm),
     }
 }
 
@@ -67,7 +67,7 @@ fn blend(path: &SeamPath, radius_mm: f64) -> SeamPath {
 }
 
 /// An arc in place of a corner.
-struct Arc {
+struct Rounding {
     /// From where it touches a side to the corner, mm.
     tangent_mm: f64,
     points: Vec<PathPoint>,
@@ -75,7 +75,7 @@ struct Arc {
 
 /// The arc about the corner at point `k`, no more than `most_mm` from it along either side. It touches the chords from
 /// its ends to the corner: exact on straight sides, and to the sagitta on curved ones.
-fn arc(points: &[PathPoint], k: usize, radius_mm: f64, most_mm: f64) -> Option<Arc> {
+fn arc(points: &[PathPoint], k: usize, radius_mm: f64, most_mm: f64) -> Option<Rounding> {
     let corner = points[k];
     let sides =
         |reach_mm: f64| Some((at(points, corner.s_mm - reach_mm)?, at(points, corner.s_mm + reach_mm)?));
@@ -104,7 +104,7 @@ fn arc(points: &[PathPoint], k: usize, radius_mm: f64, most_mm: f64) -> Option<A
         let position_mm = centre + (outward * angle.cos() + across * angle.sin()) * radius_mm;
         PathPoint { position_mm, ..between(&a, &b, j as f64 / count as f64) }
     };
-    Some(Arc { tangent_mm, points: (0..=count).map(place).collect() })
+    Some(Rounding { tangent_mm, points: (0..=count).map(place).collect() })
 }
 
 #[cfg(test)]
@@ -130,7 +130,7 @@ mod tests {
 
     #[test]
     fn a_blended_corner_is_an_arc_that_touches_both_sides() {
-        let round = corner(&bend(), Corner::BlendMm(4.0));
+        let round = corner(&bend(), Cornering::BlendMm(4.0));
         let centre = Point3::new(26.0, 4.0, 0.0);
         for p in &round.points {
             let q = p.position_mm;
@@ -152,14 +152,14 @@ mod tests {
 
     #[test]
     fn the_torch_turns_evenly_along_the_arc() {
-        let round = corner(&bend(), Corner::BlendMm(4.0));
+        let round = corner(&bend(), Cornering::BlendMm(4.0));
         let turns = round.points.windows(2).map(|w| w[0].base_from_torch.angle_to(&w[1].base_from_torch));
         assert!(turns.into_iter().all(|turn| turn < 0.25));
     }
 
     #[test]
     fn a_radius_too_large_uses_half_of_the_shorter_side() {
-        let round = corner(&bend(), Corner::BlendMm(500.0));
+        let round = corner(&bend(), Cornering::BlendMm(500.0));
         let ends = [round.points[0].position_mm, round.points[round.points.len() - 1].position_mm];
         assert_eq!(ends, [Point3::new(0.0, 0.0, 0.0), Point3::new(30.0, 20.0, 0.0)]);
         assert!(round.points.iter().any(|p| (p.position_mm - Point3::new(20.0, 0.0, 0.0)).norm() < 1e-9));
@@ -167,7 +167,7 @@ mod tests {
 
     #[test]
     fn stopping_marks_the_corner_alone() {
-        let stopped = corner(&bend(), Corner::Stop);
+        let stopped = corner(&bend(), Cornering::Stop);
         let stops: Vec<_> = stopped.points.iter().filter(|p| p.process.dwell_s.is_some()).collect();
         assert_eq!(stops.len(), 1);
         assert_eq!(
@@ -178,7 +178,7 @@ mod tests {
 
     #[test]
     fn treating_corners_twice_changes_nothing_more() {
-        for way in [Corner::Pass, Corner::Stop, Corner::BlendMm(4.0)] {
+        for way in [Cornering::Pass, Cornering::Stop, Cornering::BlendMm(4.0)] {
             let once = corner(&bend(), way);
             assert_eq!(corner(&once, way).points, once.points);
         }

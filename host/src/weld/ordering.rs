@@ -17,7 +17,7 @@ use super::air::{End, Surroundings, safe_mm};
 
 /// Which way a seam may be welded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Way {
+pub enum AllowedDirection {
     /// Either.
     Free,
     /// As it was found.
@@ -30,13 +30,13 @@ pub enum Way {
 const LEVEL: f64 = 0.26;
 
 /// The way that leads uphill; free if the seam is level or closed.
-pub fn uphill(path: &SeamPath, up: UnitVector3<f64>) -> Way {
-    let [first, .., last] = path.points.as_slice() else { return Way::Free };
+pub fn uphill(path: &SeamPath, up: UnitVector3<f64>) -> AllowedDirection {
+    let [first, .., last] = path.points.as_slice() else { return AllowedDirection::Free };
     let rise_mm = up.dot(&(last.position_mm - first.position_mm));
     match rise_mm {
-        level if level.abs() <= LEVEL * path.length_mm() => Way::Free,
-        down if down < 0.0 => Way::Reverse,
-        _ => Way::Forward,
+        level if level.abs() <= LEVEL * path.length_mm() => AllowedDirection::Free,
+        down if down < 0.0 => AllowedDirection::Reverse,
+        _ => AllowedDirection::Forward,
     }
 }
 
@@ -57,7 +57,7 @@ pub struct Gates {
     /// The same welded from end to start.
     pub reverse: [End; 2],
     /// Which way it may be welded.
-    pub way: Way,
+    pub way: AllowedDirection,
 }
 
 impl Gates {
@@ -69,7 +69,7 @@ impl Gates {
 /// Lengths of the air moves, mm.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AirWays {
-    ways: Vec<Way>,
+    ways: Vec<AllowedDirection>,
     /// From the retract of one turn, by rows, to the approach of another.
     between_mm: Vec<f64>,
 }
@@ -77,7 +77,7 @@ pub struct AirWays {
 impl AirWays {
     /// Between all seams, in every way in which they may be welded.
     pub fn new(gates: &[Gates], around: &Surroundings) -> Self {
-        let ways: Vec<Way> = gates.iter().map(|gate| gate.way).collect();
+        let ways: Vec<AllowedDirection> = gates.iter().map(|gate| gate.way).collect();
         let turns: Vec<Turn> = every_turn(gates.len()).collect();
         let ends = |turn: &Turn| gates[turn.index].ends(turn.reverse);
         let allowed = |turn: &Turn| ways[turn.index] != opposite(turn.reverse);
@@ -125,13 +125,13 @@ fn place(turn: &Turn) -> usize {
 }
 
 /// The way of a seam that forbids this direction.
-fn opposite(reverse: bool) -> Way {
-    if reverse { Way::Forward } else { Way::Reverse }
+fn opposite(reverse: bool) -> AllowedDirection {
+    if reverse { AllowedDirection::Forward } else { AllowedDirection::Reverse }
 }
 
 /// The order found, each seam in the direction that it must have.
-pub fn found(ways: &[Way]) -> Vec<Turn> {
-    (0..ways.len()).map(|index| Turn { index, reverse: ways[index] == Way::Reverse }).collect()
+pub fn found(ways: &[AllowedDirection]) -> Vec<Turn> {
+    (0..ways.len()).map(|index| Turn { index, reverse: ways[index] == AllowedDirection::Reverse }).collect()
 }
 
 /// The order with the least air way: exactly for up to nine seams, as local search finds it for more. The order found
@@ -195,7 +195,7 @@ const MOST_MOVED: usize = 3;
 const MOST_ROUNDS: usize = 200;
 
 fn nearest_neighbours(start: usize, air: &AirWays) -> Vec<Turn> {
-    let reverse = air.ways[start] == Way::Reverse;
+    let reverse = air.ways[start] == AllowedDirection::Reverse;
     let mut order = vec![Turn { index: start, reverse }];
     let mut left: Vec<usize> = (0..air.len()).filter(|&index| index != start).collect();
     while !left.is_empty() {
@@ -212,8 +212,8 @@ fn nearest_neighbours(start: usize, air: &AirWays) -> Vec<Turn> {
 /// The ways in which a seam may be welded.
 fn turns(index: usize, air: &AirWays) -> impl Iterator<Item = Turn> + use<> {
     let way = air.ways[index];
-    let forward = (way != Way::Reverse).then_some(Turn { index, reverse: false });
-    let reverse = (way != Way::Forward).then_some(Turn { index, reverse: true });
+    let forward = (way != AllowedDirection::Reverse).then_some(Turn { index, reverse: false });
+    let reverse = (way != AllowedDirection::Forward).then_some(Turn { index, reverse: true });
     forward.into_iter().chain(reverse)
 }
 
@@ -259,7 +259,7 @@ fn neighbours<'a>(order: &'a [Turn], air: &'a AirWays) -> impl Iterator<Item = V
 
 /// The other way round, if the seam may be welded so.
 fn flipped(turn: Turn, air: &AirWays) -> Turn {
-    let free = air.ways[turn.index] == Way::Free;
+    let free = air.ways[turn.index] == AllowedDirection::Free;
     Turn { reverse: turn.reverse != free, ..turn }
 }
 
@@ -287,7 +287,7 @@ mod tests {
     }
 
     /// Straight ways between seams from a place to another.
-    fn straight(seams: &[([Point3<f64>; 2], Way)]) -> AirWays {
+    fn straight(seams: &[([Point3<f64>; 2], AllowedDirection)]) -> AirWays {
         let place = |turn: &Turn, end: usize| seams[turn.index].0[end ^ usize::from(turn.reverse)];
         let turns: Vec<Turn> = every_turn(seams.len()).collect();
         let between = |from| turns.iter().map(move |to| (place(to, 0) - place(from, 1)).norm());
@@ -298,7 +298,12 @@ mod tests {
     }
 
     fn random_air(random: &mut Random, count: usize) -> AirWays {
-        let ways = [Way::Free, Way::Free, Way::Forward, Way::Reverse];
+        let ways = [
+            AllowedDirection::Free,
+            AllowedDirection::Free,
+            AllowedDirection::Forward,
+            AllowedDirection::Reverse,
+        ];
         let mut seam = |_| {
             let mut place = || Point3::new(random.unit() * 400.0, random.unit() * 300.0, 50.0);
             let ends = [place(), place()];
@@ -339,7 +344,7 @@ mod tests {
             assert_eq!(seen, (0..count).collect::<Vec<_>>());
             for turn in &order {
                 let way = air.ways[turn.index];
-                assert!(way == Way::Free || turn.reverse == (way == Way::Reverse));
+                assert!(way == AllowedDirection::Free || turn.reverse == (way == AllowedDirection::Reverse));
             }
             assert!(air.air_mm(&order) <= air.air_mm(&found(&air.ways)) + 1e-9);
         }
@@ -372,7 +377,7 @@ mod tests {
     fn parallel_seams_are_welded_there_and_back() {
         let seam = |k: usize| {
             let y_mm = 40.0 * k as f64;
-            ([Point3::new(0.0, y_mm, 0.0), Point3::new(300.0, y_mm, 0.0)], Way::Free)
+            ([Point3::new(0.0, y_mm, 0.0), Point3::new(300.0, y_mm, 0.0)], AllowedDirection::Free)
         };
         let air = straight(&[2, 0, 3, 1].map(seam));
         let order = shortest(&air);
@@ -392,10 +397,14 @@ mod tests {
             SeamPath { seam: 1, points: vec![at(0.0), at(0.5), at(1.0)] }
         };
         let up = Vector3::z_axis();
-        assert_eq!(uphill(&line(Point3::new(0.0, 0.0, 90.0)), up), Way::Forward);
-        assert_eq!(uphill(&line(Point3::new(0.0, 0.0, -90.0)), up), Way::Reverse);
-        assert_eq!(uphill(&line(Point3::new(90.0, 0.0, 20.0)), up), Way::Free);
-        assert_eq!(uphill(&line(Point3::new(90.0, 0.0, -40.0)), up), Way::Reverse);
-        assert_eq!(uphill(&line(Point3::new(0.0, 0.0, 90.0)), -up), Way::Reverse, "a robot that hangs");
+        assert_eq!(uphill(&line(Point3::new(0.0, 0.0, 90.0)), up), AllowedDirection::Forward);
+        assert_eq!(uphill(&line(Point3::new(0.0, 0.0, -90.0)), up), AllowedDirection::Reverse);
+        assert_eq!(uphill(&line(Point3::new(90.0, 0.0, 20.0)), up), AllowedDirection::Free);
+        assert_eq!(uphill(&line(Point3::new(90.0, 0.0, -40.0)), up), AllowedDirection::Reverse);
+        assert_eq!(
+            uphill(&line(Point3::new(0.0, 0.0, 90.0)), -up),
+            AllowedDirection::Reverse,
+            "a robot that hangs"
+        );
     }
 }

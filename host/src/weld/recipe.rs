@@ -1,6 +1,6 @@
 //! How one pass is welded: every path modifier in the order in which they are applied.
 
-use super::cornering::{Corner, corner};
+use super::cornering::{Cornering, corner};
 use super::ends::{directions, dwell, extend, lead, reverse};
 use super::offset::offset;
 use super::resampling::{Sampling, resample};
@@ -21,7 +21,7 @@ pub struct Recipe {
     /// The same at the end, mm.
     pub extend_end_mm: f64,
     /// What happens at corners.
-    pub corner: Corner,
+    pub corner: Cornering,
     /// To the right of the direction that the seam has before `reverse`, mm.
     pub across_mm: f64,
     /// Out of the work, mm.
@@ -55,7 +55,7 @@ impl Default for Recipe {
             reverse: false,
             extend_start_mm: 0.0,
             extend_end_mm: 0.0,
-            corner: Corner::Pass,
+            corner: Cornering::Pass,
             across_mm: 0.0,
             out_mm: 0.0,
             weave: None,
@@ -76,6 +76,26 @@ impl Default for Recipe {
 ///
 /// First the line: direction, ends, spacing, corners, pass. Then, still in the frame of the seam, the weave; then the torch leans
 /// about its tip and is lifted along its own axis; last it is said where the arc burns.
+///
+/// ```
+/// use nalgebra::{Point3, UnitQuaternion};
+/// use weldpath::weld::{PathPoint, Process, SeamPath};
+/// use weldpath::weld::recipe::{Recipe, apply};
+/// use weldpath::weld::resampling::Sampling;
+///
+/// let at = |x_mm: f64| PathPoint {
+///     s_mm: x_mm,
+///     position_mm: Point3::new(x_mm, 0.0, 0.0),
+///     base_from_torch: UnitQuaternion::identity(),
+///     process: Process::default(),
+/// };
+/// let path = SeamPath { seam: 1, points: vec![at(0.0), at(30.0)] };
+/// let sampling = Some(Sampling::SpacingMm(5.0));
+/// let recipe = Recipe { sampling, standoff_mm: 12.0, ..Recipe::default() };
+/// let pass = apply(&path, &recipe);
+/// assert_eq!(pass.points.len(), 7);
+/// assert!(pass.points.iter().all(|point| point.position_mm.z == 12.0));
+/// ```
 pub fn apply(path: &SeamPath, recipe: &Recipe) -> SeamPath {
     let path = if recipe.reverse { reverse(path) } else { path.clone() };
     let path = extend(&path, recipe.extend_start_mm, recipe.extend_end_mm);

@@ -149,10 +149,22 @@ fn parse(text: &str) -> Result<Vec<(f64, Vec<Seen>)>, String> {
                 "neither Leap Motion JSON, nor that compressed (LZ-String base64), nor CSV with the columns ";
             let unknown = || format!("{shape}{CSV_COLUMNS}");
             let base64 = trimmed.bytes().all(|b| b.is_ascii_alphanumeric() || b"+/=\r\n".contains(&b));
-            let decoded = base64.then(|| lz_str::decompress_from_base64(trimmed)).flatten();
+            let decoded = base64.then(|| unpacked(trimmed)).flatten();
             json(&String::from_utf16(&decoded.ok_or_else(unknown)?).map_err(|_| unknown())?)
         }
     }
+}
+
+/// LZ-String in base64, as UTF-16.
+#[cfg(feature = "gestures")]
+fn unpacked(text: &str) -> Option<Vec<u16>> {
+    lz_str::decompress_from_base64(text)
+}
+
+/// This build reads no compressed recordings.
+#[cfg(not(feature = "gestures"))]
+fn unpacked(_: &str) -> Option<Vec<u16>> {
+    None
 }
 
 fn json(text: &str) -> Result<Vec<(f64, Vec<Seen>)>, String> {

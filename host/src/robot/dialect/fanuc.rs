@@ -11,7 +11,7 @@ use nalgebra::UnitQuaternion;
 use super::moves::{
     Move, Switch, TooLong, decimal, euler_zyx_deg, moves, parts, rotation_vector_to_euler_zyx_deg,
 };
-use super::{Settings, part_name};
+use super::{ProgramSetup, part_name};
 use crate::files::File;
 use crate::weld::program::Waypoint;
 
@@ -24,21 +24,21 @@ const DECELERATION_S: f64 = 0.2;
 const FRAME: u32 = 0;
 
 /// One program, or a main program and its parts.
-pub fn write(waypoints: &[Waypoint], settings: &Settings) -> Result<Vec<File>, TooLong> {
+pub fn write(waypoints: &[Waypoint], setup: &ProgramSetup) -> Result<Vec<File>, TooLong> {
     let moves = moves(waypoints);
     let parts = parts(&moves, MOST_MOVES, "FANUC TP")?;
-    let name = &settings.name;
-    let mut opening = opening(settings);
+    let name = &setup.name;
+    let mut opening = opening(setup);
     if let [] | [_] = parts.as_slice() {
-        opening.extend(motions(settings, &moves, true));
-        return Ok(vec![program(name, &opening, &positions(settings, &moves))]);
+        opening.extend(motions(setup, &moves, true));
+        return Ok(vec![program(name, &opening, &positions(setup, &moves))]);
     }
     let names: Vec<String> = (0..parts.len()).map(|i| part_name(name, i)).collect();
     opening.extend(names.iter().map(|part| format!("  CALL {}", part.to_uppercase())));
     let mut files = vec![program(name, &opening, "")];
     for (i, (part, run)) in names.iter().zip(&parts).enumerate() {
         let run = moves.get(run.clone()).unwrap_or_default();
-        files.push(program(part, &motions(settings, run, i == 0), &positions(settings, run)));
+        files.push(program(part, &motions(setup, run, i == 0), &positions(setup, run)));
     }
     Ok(files)
 }
@@ -59,23 +59,23 @@ fn program(name: &str, lines: &[String], positions: &str) -> File {
 }
 
 /// What stands before the first move. The tool is set on the pendant: a listing cannot hold it.
-fn opening(settings: &Settings) -> Vec<String> {
+fn opening(setup: &ProgramSetup) -> Vec<String> {
     let mut lines = vec!["  !weldpath, never run on a robot".to_owned()];
-    lines.push(format!("  !Edit Arc Start[{}] and CONFIG", settings.weld_schedule));
-    if let Some(tool) = &settings.controller.tool {
+    lines.push(format!("  !Edit Arc Start[{}] and CONFIG", setup.weld_schedule));
+    if let Some(tool) = &setup.tool {
         let [x, y, z] = tool.flange_from_tcp_mm.map(decimal::<1>);
         let [r, p, w] = rotation_vector_to_euler_zyx_deg(tool.flange_from_tcp_rotation_rad).map(decimal::<2>);
-        lines.push(format!("  !Set UTOOL {}, mm and degrees", settings.tool_number));
+        lines.push(format!("  !Set UTOOL {}, mm and degrees", setup.tool_number));
         lines.extend([format!("  !X {x} W {w}"), format!("  !Y {y} P {p}"), format!("  !Z {z} R {r}")]);
     } else {
-        lines.push(format!("  !UTOOL {} as on the pendant", settings.tool_number));
+        lines.push(format!("  !UTOOL {} as on the pendant", setup.tool_number));
     }
     lines.push(format!("  UFRAME_NUM={FRAME}"));
-    lines.push(format!("  UTOOL_NUM={}", settings.tool_number));
+    lines.push(format!("  UTOOL_NUM={}", setup.tool_number));
     lines
 }
 
-fn motions(settings: &Settings, moves: &[Move], opens: bool) -> Vec<String> {
+fn motions(setup: &ProgramSetup, moves: &[Move], opens: bool) -> Vec<String> {
     let mut lines = vec![];
     for (i, a_move) in moves.iter().enumerate() {
         let point = i + 1;
@@ -85,13 +85,13 @@ fn motions(settings: &Settings, moves: &[Move], opens: bool) -> Vec<String> {
             lines.push(format!("L P[{point}] {} {}", speed(a_move.feed_mm_s), termination(a_move)));
         }
         if a_move.then == Some(Switch::On) {
-            lines.push(format!("  Arc Start[{}]", settings.weld_schedule));
+            lines.push(format!("  Arc Start[{}]", setup.weld_schedule));
         }
         if let Some(wait_s) = a_move.wait_s() {
             lines.push(format!("  WAIT {}(sec)", decimal::<2>(wait_s)));
         }
         if a_move.then == Some(Switch::Off) {
-            lines.push(format!("  Arc End[{}]", settings.weld_schedule));
+            lines.push(format!("  Arc End[{}]", setup.weld_schedule));
         }
     }
     lines
@@ -115,10 +115,10 @@ fn termination(a_move: &Move) -> String {
     format!("CNT{}", (100.0 * a_move.blend_mm / full_mm).floor().clamp(0.0, 100.0))
 }
 
-fn positions(settings: &Settings, moves: &[Move]) -> String {
+fn positions(setup: &ProgramSetup, moves: &[Move]) -> String {
     let mut text = String::new();
     for (i, a_move) in moves.iter().enumerate() {
-        text.push_str(&position(i + 1, settings.tool_number, a_move));
+        text.push_str(&position(i + 1, setup.tool_number, a_move));
     }
     text
 }

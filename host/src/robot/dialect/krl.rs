@@ -12,9 +12,10 @@ use nalgebra::UnitQuaternion;
 use super::moves::{
     Move, Switch, TooLong, decimal, euler_zyx_deg, moves, parts, rotation_vector_to_euler_zyx_deg,
 };
-use super::urscript::{Arc, Tool};
-use super::{Settings, part_name};
+use super::{ProgramSetup, part_name};
 use crate::files::File;
+use crate::robot::arc::WeldingArc;
+use crate::robot::tool::Tool;
 use crate::weld::program::Waypoint;
 
 /// Most points of one module. KUKA publishes no limit; pendants' editors become slow beyond a few thousand lines.
@@ -23,16 +24,16 @@ const MOST_MOVES: usize = 1500;
 const FIRST_PERCENT: u32 = 10;
 
 /// One module, or a main module and its parts.
-pub fn write(waypoints: &[Waypoint], settings: &Settings) -> Result<Vec<File>, TooLong> {
+pub fn write(waypoints: &[Waypoint], setup: &ProgramSetup) -> Result<Vec<File>, TooLong> {
     let moves = moves(waypoints);
     let parts = parts(&moves, MOST_MOVES, "KRL")?;
-    let name = &settings.name;
+    let name = &setup.name;
     if let [] | [_] = parts.as_slice() {
-        return Ok(vec![source(name, &main(settings, &motions(name, &moves, true))), data(name, &moves)]);
+        return Ok(vec![source(name, &main(setup, &motions(name, &moves, true))), data(name, &moves)]);
     }
     let names: Vec<String> = (0..parts.len()).map(|i| part_name(name, i)).collect();
     let calls: String = names.iter().map(|part| format!("{part}()\n")).collect();
-    let mut files = vec![source(name, &main(settings, &calls)), data(name, &[])];
+    let mut files = vec![source(name, &main(setup, &calls)), data(name, &[])];
     for (i, (part, run)) in names.iter().zip(&parts).enumerate() {
         let run = moves.get(run.clone()).unwrap_or_default();
         files.push(source(part, &format!("DEF {part}()\n{}END\n", motions(name, run, i == 0))));
@@ -63,8 +64,8 @@ fn data(name: &str, moves: &[Move]) -> File {
     File::new(format!("{name}.dat"), text + "ENDDAT\n")
 }
 
-fn main(settings: &Settings, body: &str) -> String {
-    let name = &settings.name;
+fn main(setup: &ProgramSetup, body: &str) -> String {
+    let name = &setup.name;
     format!(
         "DEF {name}()\n\
          ; Written by weldpath. Never run on a controller: try it in KUKA.Sim or T1 first.\n\
@@ -85,19 +86,19 @@ fn main(settings: &Settings, body: &str) -> String {
          {body}\
          END\n\
          {}{}",
-        tool(settings),
-        arc_on(name, &settings.controller.arc),
-        arc_off(name, &settings.controller.arc)
+        tool(setup),
+        arc_on(name, &setup.arc),
+        arc_off(name, &setup.arc)
     )
 }
 
-fn tool(settings: &Settings) -> String {
+fn tool(setup: &ProgramSetup) -> String {
     let Some(Tool { flange_from_tcp_mm, flange_from_tcp_rotation_rad, payload_kg, payload_centre_mm }) =
-        settings.controller.tool
+        setup.tool
     else {
         return format!(
             "; Tool of the controller; the job file has no [tool].\nBAS(#TOOL,{})\n",
-            settings.tool_number
+            setup.tool_number
         );
     };
     let [a, b, c] = rotation_vector_to_euler_zyx_deg(flange_from_tcp_rotation_rad).map(decimal::<4>);
@@ -137,7 +138,7 @@ fn motions(name: &str, moves: &[Move], opens: bool) -> String {
     text
 }
 
-fn arc_on(name: &str, arc: &Arc) -> String {
+fn arc_on(name: &str, arc: &WeldingArc) -> String {
     let mut text = format!(
         "GLOBAL DEF {name}_arc_on()\n; Edit: $OUT[{}] starts the power source; or ARCON of ArcTech.\n",
         number(arc.output)
@@ -174,7 +175,7 @@ fn wait_for(name: &str, input: u32, timeout_s: f64) -> String {
     )
 }
 
-fn arc_off(name: &str, arc: &Arc) -> String {
+fn arc_off(name: &str, arc: &WeldingArc) -> String {
     let mut text = format!("GLOBAL DEF {name}_arc_off()\n; Edit: or ARCOFF of ArcTech.\n");
     text.push_str(&format!("IF $OUT[{}] THEN\n{}ENDIF\n", number(arc.output), wait(arc.crater_s)));
     text.push_str(&format!("$OUT[{}]=FALSE\n", number(arc.output)));

@@ -10,7 +10,7 @@ use std::fmt::Write;
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::moves::{Move, Switch, TooLong, decimal, moves, parts};
-use super::{Settings, part_name};
+use super::{ProgramSetup, part_name};
 use crate::files::File;
 use crate::weld::program::Waypoint;
 
@@ -25,20 +25,20 @@ const TOOL: &str = "tWeldGun";
 const NO_ARC: &str = "[0,0,0,0,0,0,0,0,0]";
 
 /// One module, or a main module and its parts.
-pub fn write(waypoints: &[Waypoint], settings: &Settings) -> Result<Vec<File>, TooLong> {
+pub fn write(waypoints: &[Waypoint], setup: &ProgramSetup) -> Result<Vec<File>, TooLong> {
     let moves = moves(waypoints);
     let parts = parts(&moves, MOST_MOVES, "RAPID")?;
     let numbers = Numbers::new(&moves);
     let file = |name: &str, text: String| File::new(format!("{name}.mod"), text);
     if let [] | [_] = parts.as_slice() {
-        return Ok(vec![file(&settings.name, module(settings, &numbers, &moves))]);
+        return Ok(vec![file(&setup.name, module(setup, &numbers, &moves))]);
     }
-    let mut files = vec![file(&settings.name, main(settings, &numbers, parts.len()))];
+    let mut files = vec![file(&setup.name, main(setup, &numbers, parts.len()))];
     for (index, part) in parts.iter().enumerate() {
-        let name = part_name(&settings.name, index);
+        let name = part_name(&setup.name, index);
         let run = moves.get(part.clone()).unwrap_or_default();
         let body = targets(run)
-            + &procedure(&format!("{name}_run"), &instructions(settings, &numbers, run, index == 0));
+            + &procedure(&format!("{name}_run"), &instructions(setup, &numbers, run, index == 0));
         files.push(file(&name, format!("MODULE {name}\n{body}ENDMODULE\n")));
     }
     Ok(files)
@@ -65,13 +65,13 @@ impl Numbers {
         Self { air_mm_s: of(false), weld_mm_s: of(true), short_mm: short.min_by(f64::total_cmp) }
     }
 
-    fn declarations(&self, settings: &Settings) -> String {
-        let (name, mut text) = (&settings.name, String::new());
+    fn declarations(&self, setup: &ProgramSetup) -> String {
+        let (name, mut text) = (&setup.name, String::new());
         for (i, feed) in self.air_mm_s.iter().enumerate() {
             let _ = writeln!(text, "  CONST speeddata {name}_v{}:=[{feed},90,1000,1000];", i + 1);
         }
         for (i, feed) in self.weld_mm_s.iter().enumerate() {
-            let arc = format!("[{},0,0,0,0,0,0,0,0]", settings.weld_schedule);
+            let arc = format!("[{},0,0,0,0,0,0,0,0]", setup.weld_schedule);
             let _ = writeln!(text, "  PERS welddata {name}_w{}:=[{feed},0,{arc},{NO_ARC}];", i + 1);
         }
         if let Some(short_mm) = self.short_mm {
@@ -99,31 +99,31 @@ fn zone(blend_mm: f64) -> Option<&'static str> {
     ZONES_MM.iter().find(|(_, radius_mm)| *radius_mm <= blend_mm).map(|(name, _)| *name)
 }
 
-fn module(settings: &Settings, numbers: &Numbers, moves: &[Move]) -> String {
-    let name = &settings.name;
-    let run = procedure(&format!("{name}_run"), &instructions(settings, numbers, moves, true));
-    format!("MODULE {name}\n{}{}{run}ENDMODULE\n", declarations(settings, numbers), targets(moves))
+fn module(setup: &ProgramSetup, numbers: &Numbers, moves: &[Move]) -> String {
+    let name = &setup.name;
+    let run = procedure(&format!("{name}_run"), &instructions(setup, numbers, moves, true));
+    format!("MODULE {name}\n{}{}{run}ENDMODULE\n", declarations(setup, numbers), targets(moves))
 }
 
-fn main(settings: &Settings, numbers: &Numbers, parts: usize) -> String {
-    let name = &settings.name;
+fn main(setup: &ProgramSetup, numbers: &Numbers, parts: usize) -> String {
+    let name = &setup.name;
     let calls: String = (0..parts).map(|i| format!("    {}_run;\n", part_name(name, i))).collect();
     let run = procedure(&format!("{name}_run"), &calls);
-    format!("MODULE {name}\n{}{run}ENDMODULE\n", declarations(settings, numbers))
+    format!("MODULE {name}\n{}{run}ENDMODULE\n", declarations(setup, numbers))
 }
 
 fn procedure(name: &str, body: &str) -> String {
     format!("  PROC {name}()\n{body}  ENDPROC\n")
 }
 
-fn declarations(settings: &Settings, numbers: &Numbers) -> String {
-    let name = &settings.name;
-    let arc = &settings.controller.arc;
+fn declarations(setup: &ProgramSetup, numbers: &Numbers) -> String {
+    let name = &setup.name;
+    let arc = &setup.arc;
     let mut text = format!(
         "  ! Written by weldpath. Call {name}_run. Never run on a controller: try it in RobotStudio first.\n\
          \x20 ! Edit: tool, work object (identity: the scan's base frame is wobj0), seam data, weld data.\n"
     );
-    text.push_str(&tool(settings));
+    text.push_str(&tool(setup));
     let _ = writeln!(
         text,
         "  PERS wobjdata {name}_wobj:=[FALSE,TRUE,\"\",[[0,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];"
@@ -133,11 +133,11 @@ fn declarations(settings: &Settings, numbers: &Numbers) -> String {
         "  PERS seamdata {name}_seam:=[0,{},{NO_ARC},0,0,0,0,0,{NO_ARC},0,{},{NO_ARC},0,0,{NO_ARC},{}];",
         arc.gas_preflow_s, arc.crater_s, arc.gas_postflow_s
     );
-    text + &numbers.declarations(settings)
+    text + &numbers.declarations(setup)
 }
 
-fn tool(settings: &Settings) -> String {
-    let Some(tool) = &settings.controller.tool else {
+fn tool(setup: &ProgramSetup) -> String {
+    let Some(tool) = &setup.tool else {
         return format!("  ! Tool: {TOOL} of the controller; the job file has no [tool].\n");
     };
     let rotation = UnitQuaternion::from_scaled_axis(Vector3::from(tool.flange_from_tcp_rotation_rad));
@@ -149,7 +149,7 @@ fn tool(settings: &Settings) -> String {
     }
     format!(
         "  PERS tooldata {}_tool:=[TRUE,[{},{}],[{mass_kg},{},[1,0,0,0],0,0,0]];\n",
-        settings.name,
+        setup.name,
         vector(tool.flange_from_tcp_mm),
         quaternion(&rotation),
         vector(centre_mm)
@@ -172,11 +172,11 @@ fn targets(moves: &[Move]) -> String {
     text
 }
 
-fn instructions(settings: &Settings, numbers: &Numbers, moves: &[Move], opens: bool) -> String {
+fn instructions(setup: &ProgramSetup, numbers: &Numbers, moves: &[Move], opens: bool) -> String {
     let mut text = if opens { "    ConfJ\\Off;\n    ConfL\\Off;\n".to_owned() } else { String::new() };
     for (i, a_move) in moves.iter().enumerate() {
         let next = moves.get(i + 1);
-        text.push_str(&instruction(settings, numbers, a_move, next, i, opens && i == 0));
+        text.push_str(&instruction(setup, numbers, a_move, next, i, opens && i == 0));
         // At the very end the crater is filled as seamdata says.
         if let Some(wait_s) = a_move.wait_s().filter(|_| a_move.then != Some(Switch::Off)) {
             text.push_str(&format!("    WaitTime {wait_s};\n"));
@@ -186,15 +186,15 @@ fn instructions(settings: &Settings, numbers: &Numbers, moves: &[Move], opens: b
 }
 
 fn instruction(
-    settings: &Settings,
+    setup: &ProgramSetup,
     numbers: &Numbers,
     a_move: &Move,
     next: Option<&Move>,
     index: usize,
     joint: bool,
 ) -> String {
-    let name = &settings.name;
-    let tool = if settings.controller.tool.is_some() { format!("{name}_tool") } else { TOOL.to_owned() };
+    let name = &setup.name;
+    let tool = if setup.tool.is_some() { format!("{name}_tool") } else { TOOL.to_owned() };
     let frame = format!("{tool}\\WObj:={name}_wobj");
     let point = index + 1;
     let zone = match zone(a_move.blend_mm) {

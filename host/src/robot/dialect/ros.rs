@@ -8,7 +8,8 @@ use std::fmt::Write;
 
 use nalgebra::UnitQuaternion;
 
-use super::moves::{Move, Switch, decimal, moves};
+use super::ProgramSetup;
+use super::moves::{Move, Switch, TooLong, decimal, moves};
 use crate::files::File;
 use crate::weld::program::Waypoint;
 
@@ -16,9 +17,12 @@ use crate::weld::program::Waypoint;
 pub const FRAME: &str = "base";
 
 /// Both files.
-pub fn write(waypoints: &[Waypoint]) -> Vec<File> {
+///
+/// # Errors
+/// None: a list of poses may be of any length.
+pub fn write(waypoints: &[Waypoint], _: &ProgramSetup) -> Result<Vec<File>, TooLong> {
     let moves = moves(waypoints);
-    vec![File::new("poses.yaml", yaml(&moves)), File::new("poses.json", json(&moves))]
+    Ok(vec![File::new("poses.yaml", yaml(&moves)), File::new("poses.json", json(&moves))])
 }
 
 fn yaml(moves: &[Move]) -> String {

@@ -9,63 +9,33 @@ use std::fmt::Write;
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::moves::{self, Move, Switch, moves};
+use super::ProgramSetup;
+use super::moves::{self, Move, Switch, TooLong, moves};
+use crate::files::File;
+use crate::robot::arc::WeldingArc;
 use crate::weld::program::Waypoint;
 
 /// Acceleration of every straight move, m/s².
 const ACCELERATION_M_S2: f64 = 0.5;
 
-/// What the controller has to know about the tool.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Tool {
-    /// Tip of the wire in the flange's frame, mm.
-    pub flange_from_tcp_mm: [f64; 3],
-    /// Rotation vector of the same transform, rad; z points out of the torch, into the work.
-    pub flange_from_tcp_rotation_rad: [f64; 3],
-    /// Mass at the flange, kg.
-    pub payload_kg: f64,
-    /// Centre of that mass in the flange's frame, mm.
-    pub payload_centre_mm: [f64; 3],
-}
-
-/// How the arc is switched.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Arc {
-    /// Digital output that starts the power source.
-    pub output: u8,
-    /// Digital output of the gas valve, where the power source does not open it itself.
-    pub gas_output: Option<u8>,
-    /// Digital input that is high while the arc burns, where there is one.
-    pub established_input: Option<u8>,
-    /// Gas before the arc, s.
-    pub gas_preflow_s: f64,
-    /// Time for the arc to establish: waited out, or, with an input, the time-out, s.
-    pub strike_s: f64,
-    /// Standing still at the end to fill the crater, s.
-    pub crater_s: f64,
-    /// Gas after the arc, s.
-    pub gas_postflow_s: f64,
-}
-
-/// Everything the script needs beside the waypoints.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Settings {
-    /// None leaves what is set on the controller.
-    pub tool: Option<Tool>,
-    /// How the arc is switched.
-    pub arc: Arc,
+/// `path.script`, whatever the program's name; it is never divided.
+///
+/// # Errors
+/// None: a script may be of any length.
+pub fn write(waypoints: &[Waypoint], setup: &ProgramSetup) -> Result<Vec<File>, TooLong> {
+    Ok(vec![File::new("path.script", script(waypoints, setup))])
 }
 
 /// The whole script: one function, `weldpath`.
-pub fn write(waypoints: &[Waypoint], settings: &Settings) -> String {
+fn script(waypoints: &[Waypoint], setup: &ProgramSetup) -> String {
     let mut script = Script { text: String::new(), previous_rad: None };
     script.text.push_str("def weldpath():\n");
     script.line("# weldpath: robot base frame, metres, rotation vectors; tool z points into the work.");
-    script.setup(settings);
+    script.opening(setup);
     let moves = moves(waypoints);
     for (i, one) in moves.iter().enumerate() {
         let next = moves.get(i + 1).and_then(|next| next.then);
-        script.one(i == 0, one, next, &settings.arc);
+        script.one(i == 0, one, next, &setup.arc);
     }
     script.text.push_str("end\n");
     script.text
@@ -82,8 +52,8 @@ impl Script {
         let _ = writeln!(self.text, "  {line}");
     }
 
-    fn setup(&mut self, settings: &Settings) {
-        match &settings.tool {
+    fn opening(&mut self, setup: &ProgramSetup) {
+        match &setup.tool {
             Some(tool) => {
                 let [x, y, z] = tool.flange_from_tcp_mm.map(metres);
                 let [rx, ry, rz] = tool.flange_from_tcp_rotation_rad.map(decimal);
@@ -93,12 +63,12 @@ impl Script {
             }
             None => self.line("# TCP and payload: as set on the controller; the job file has no [tool]."),
         }
-        self.switch(Some(settings.arc.output), false);
-        self.switch(settings.arc.gas_output, false);
+        self.switch(Some(setup.arc.output), false);
+        self.switch(setup.arc.gas_output, false);
     }
 
     /// One move, and what happens where it ends; `next` is what happens at the end of the move after it.
-    fn one(&mut self, first: bool, one: &Move, next: Option<Switch>, arc: &Arc) {
+    fn one(&mut self, first: bool, one: &Move, next: Option<Switch>, arc: &WeldingArc) {
         let pose = self.pose(one);
         let speed = metres(one.feed_mm_s);
         if one.welding {
@@ -123,7 +93,7 @@ impl Script {
         }
     }
 
-    fn gas_on(&mut self, seam: Option<usize>, arc: &Arc) {
+    fn gas_on(&mut self, seam: Option<usize>, arc: &WeldingArc) {
         if let Some(seam) = seam {
             self.line(format_args!("# seam {seam}"));
         }
@@ -131,7 +101,7 @@ impl Script {
     }
 
     /// Standing at the start of the seam: gas flows first, then the arc is struck and waited for.
-    fn arc_on(&mut self, arc: &Arc) {
+    fn arc_on(&mut self, arc: &WeldingArc) {
         if arc.gas_output.is_some() {
             self.sleep(arc.gas_preflow_s);
         }
@@ -144,7 +114,7 @@ impl Script {
         }
     }
 
-    fn wait_for(&mut self, input: u8, timeout_s: f64, arc: &Arc) {
+    fn wait_for(&mut self, input: u8, timeout_s: f64, arc: &WeldingArc) {
         self.line("waited_s = 0.0");
         self.line(format_args!("while (get_standard_digital_in({input}) == False):"));
         self.line("  sleep(0.01)");
@@ -159,7 +129,7 @@ impl Script {
         self.line("end");
     }
 
-    fn arc_off(&mut self, arc: &Arc) {
+    fn arc_off(&mut self, arc: &WeldingArc) {
         self.sleep(arc.crater_s);
         self.switch(Some(arc.output), false);
         self.sleep(arc.gas_postflow_s);
@@ -243,7 +213,7 @@ mod tests {
             dwell_s: None,
         };
         let seam = [at(9.0, Kind::Approach), at(0.0, Kind::Weld), at(9.0, Kind::Retract)];
-        let arc = Arc {
+        let arc = WeldingArc {
             output: 0,
             gas_output: Some(1),
             established_input: None,
@@ -252,7 +222,9 @@ mod tests {
             crater_s: 0.1,
             gas_postflow_s: 0.1,
         };
-        let script = write(&seam, &Settings { tool: None, arc });
+        let setup =
+            ProgramSetup { name: "weldpath".into(), tool_number: 1, weld_schedule: 1, tool: None, arc };
+        let script = script(&seam, &setup);
         assert!(!script.contains("True"), "{script}");
     }
 

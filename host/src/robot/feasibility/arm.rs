@@ -62,6 +62,16 @@ pub struct Arm {
 }
 
 /// The arm of this name, in any case; see [`catalogue::NAMES`].
+///
+/// ```
+/// use weldpath::robot::feasibility::arm::by_name;
+///
+/// let arm = by_name("UR10e").unwrap();
+/// let joints_rad = [0.1, -1.2, 1.4, -0.5, 1.3, 0.2];
+/// let base_from_flange = arm.forward(&joints_rad);
+/// let same = |found: &[f64; 6]| found.iter().zip(joints_rad).all(|(a, b)| (a - b).abs() < 1e-6);
+/// assert!(arm.inverse(&base_from_flange).iter().any(same));
+/// ```
 pub fn by_name(name: &str) -> Option<Arm> {
     let known = catalogue::NAMES.iter().find(|known| known.eq_ignore_ascii_case(name))?;
     catalogue::named(known)

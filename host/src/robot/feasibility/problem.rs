@@ -1,11 +1,11 @@
 //! What stands against running a program, seam by seam, in words.
 
-use super::{Check, Setup, branch};
+use super::{Check, FeasibilitySetup, branch};
 use crate::weld::program::Waypoint;
 
 /// What is wrong.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Kind {
+pub enum ProblemKind {
     /// No joint angles bring the flange there.
     OutOfReach,
     /// A joint would leave its range.
@@ -22,7 +22,7 @@ pub enum Kind {
     Close,
 }
 
-impl Kind {
+impl ProblemKind {
     /// Whether the program cannot be run as it is.
     pub fn is_fatal(self) -> bool {
         !matches!(self, Self::Singular | Self::Close)
@@ -46,7 +46,7 @@ impl Kind {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Problem {
     /// What.
-    pub kind: Kind,
+    pub kind: ProblemKind,
     /// The seam whose waypoints these are; for air moves the seam they lead to, or come from at the end.
     pub seam: Option<usize>,
     /// First waypoint, counted from 0 in `path.json`.
@@ -63,7 +63,7 @@ const SINGULAR: f64 = 0.012;
 const MERGED: usize = 5;
 
 /// All problems, by waypoint and kind.
-pub(super) fn found(waypoints: &[Waypoint], checks: &[Check], setup: &Setup) -> Vec<Problem> {
+pub(super) fn found(waypoints: &[Waypoint], checks: &[Check], setup: &FeasibilitySetup) -> Vec<Problem> {
     let owners = owners(waypoints);
     let mut problems: Vec<Problem> = Vec::new();
     for (i, check) in checks.iter().enumerate() {
@@ -79,8 +79,10 @@ pub(super) fn found(waypoints: &[Waypoint], checks: &[Check], setup: &Setup) -> 
             }
         }
     }
-    let collisions: Vec<Problem> = problems.iter().filter(|p| p.kind == Kind::Collision).cloned().collect();
-    problems.retain(|p| p.kind != Kind::Close || !collisions.iter().any(|collision| p.adjoins(collision)));
+    let collisions: Vec<Problem> =
+        problems.iter().filter(|p| p.kind == ProblemKind::Collision).cloned().collect();
+    problems
+        .retain(|p| p.kind != ProblemKind::Close || !collisions.iter().any(|collision| p.adjoins(collision)));
     problems
 }
 
@@ -103,34 +105,36 @@ pub(super) fn block(waypoints: &[Waypoint], seam: usize) -> std::ops::Range<usiz
     first..last.map_or(first, |last| last + 1)
 }
 
-fn faults(waypoint: &Waypoint, check: &Check, setup: &Setup) -> Vec<(Kind, f64)> {
+fn faults(waypoint: &Waypoint, check: &Check, setup: &FeasibilitySetup) -> Vec<(ProblemKind, f64)> {
     let mut faults = Vec::new();
     match (&setup.robot, &check.joints) {
         (Some(robot), None) => {
             let from_base = robot.base_from_robot.inverse() * waypoint.position_mm;
-            faults.push((Kind::OutOfReach, from_base.coords.norm()));
+            faults.push((ProblemKind::OutOfReach, from_base.coords.norm()));
         }
         (Some(_), Some(joints)) => {
             let jumps = joints.step_rad > branch::JUMP_RAD;
             let rules = [
-                (Kind::Limit, joints.margin_rad < 0.0, joints.margin_rad.to_degrees()),
-                (Kind::Jump, jumps, joints.step_rad.to_degrees()),
-                (Kind::Speed, !jumps && joints.speed_share > 1.0, joints.speed_share),
-                (Kind::Singular, joints.dexterity < SINGULAR, joints.dexterity),
+                (ProblemKind::Limit, joints.margin_rad < 0.0, joints.margin_rad.to_degrees()),
+                (ProblemKind::Jump, jumps, joints.step_rad.to_degrees()),
+                (ProblemKind::Speed, !jumps && joints.speed_share > 1.0, joints.speed_share),
+                (ProblemKind::Singular, joints.dexterity < SINGULAR, joints.dexterity),
             ];
             faults.extend(rules.into_iter().filter(|rule| rule.1).map(|(kind, _, worst)| (kind, worst)));
         }
         (None, _) => {}
     }
     match check.clearance_mm {
-        Some(clearance_mm) if clearance_mm < 0.0 => faults.push((Kind::Collision, clearance_mm)),
-        Some(clearance_mm) if clearance_mm < setup.clearance_mm => faults.push((Kind::Close, clearance_mm)),
+        Some(clearance_mm) if clearance_mm < 0.0 => faults.push((ProblemKind::Collision, clearance_mm)),
+        Some(clearance_mm) if clearance_mm < setup.clearance_mm => {
+            faults.push((ProblemKind::Close, clearance_mm))
+        }
         _ => {}
     }
     faults
 }
 
-impl Kind {
+impl ProblemKind {
     fn more_is_worse(self) -> bool {
         matches!(self, Self::OutOfReach | Self::Jump | Self::Speed)
     }
@@ -151,33 +155,33 @@ impl Problem {
         };
         let worst = self.worst;
         let what = match self.kind {
-            Kind::OutOfReach => format!(
+            ProblemKind::OutOfReach => format!(
                 "no posture of {arm} brings the torch there, too far or too near (the tip is up to {worst:.0} mm from the \
                  robot's base): move the part or the robot, or check [robot] and [tool] in the job file"
             ),
-            Kind::Limit => format!(
+            ProblemKind::Limit => format!(
                 "a joint of {arm} would leave its range by {:.0} degrees: turn the torch about its axis, or move the part",
                 -worst
             ),
-            Kind::Jump => format!(
+            ProblemKind::Jump => format!(
                 "the joints of {arm} would have to jump by {worst:.0} degrees: no single posture runs the program; turn the \
                  torch about its axis, or weld the seams in separate programs"
             ),
-            Kind::Speed => format!(
+            ProblemKind::Speed => format!(
                 "a joint of {arm} would have to turn at {:.0} % of its greatest speed, the arm passes a singularity: turn \
                  the torch about its axis, or lower the feed",
                 100.0 * worst
             ),
-            Kind::Collision => format!(
+            ProblemKind::Collision => format!(
                 "the torch is up to {:.1} mm inside what was scanned: change the work angle, use a smaller nozzle or a \
                  longer stick-out, or check [torch_body] in the job file",
                 -worst
             ),
-            Kind::Singular => format!(
+            ProblemKind::Singular => format!(
                 "{arm} is near a singularity (dexterity {worst:.3}): the joints turn fast and the tip may deviate; turn the \
                  torch about its axis"
             ),
-            Kind::Close => {
+            ProblemKind::Close => {
                 format!("the torch comes as near as {worst:.1} mm to what was scanned: watch it in a dry run")
             }
         };

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::problem::{self, Kind, Problem};
+use super::problem::{self, Problem, ProblemKind};
 use super::{Checker, Depth};
 use crate::weld::program::Waypoint;
 use crate::weld::recipe::Recipe;
@@ -107,7 +107,7 @@ pub(super) fn tried(checker: &Checker<'_>, program: &Rewelded, problems: &[Probl
         if own.is_empty() {
             continue;
         }
-        let torch_only = own.iter().all(|p| p.kind == Kind::Collision);
+        let torch_only = own.iter().all(|p| p.kind == ProblemKind::Collision);
         let straight = checker.setup.torch.neck_deg == 0.0;
         let others = standing.len() - own.len();
         let outcome = changes(torch_only, straight).into_par_iter().find_map_first(|change| {
@@ -122,7 +122,7 @@ pub(super) fn tried(checker: &Checker<'_>, program: &Rewelded, problems: &[Probl
             // The torch of the other seams is where it was; their joints may not be.
             let mut left = of(&waypoints, Depth::Joints);
             left.extend(
-                standing.iter().filter(|p| p.kind == Kind::Collision && p.seam != Some(seam)).cloned(),
+                standing.iter().filter(|p| p.kind == ProblemKind::Collision && p.seam != Some(seam)).cloned(),
             );
             let solves = left.iter().all(|p| p.seam != Some(seam)) && left.len() <= others;
             solves.then_some((change, left))

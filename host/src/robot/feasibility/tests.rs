@@ -7,7 +7,7 @@ use crate::weld::program::{Motion, Pass, Waypoint, program};
 use crate::weld::recipe::{Recipe, apply};
 use crate::weld::{PathPoint, Process, SeamPath};
 use nalgebra::{Point3, Translation3, Vector3};
-use problem::Kind;
+use problem::ProblemKind;
 use suggestion::Change;
 
 const MOTION: Motion = Motion {
@@ -20,13 +20,13 @@ const MOTION: Motion = Motion {
     clearance_mm: 50.0,
 };
 
-fn setup(name: &str) -> Setup {
-    let robot = Robot {
+fn setup(name: &str) -> FeasibilitySetup {
+    let robot = PlacedArm {
         arm: arm::by_name(name).unwrap(),
         base_from_robot: Isometry3::identity(),
         flange_from_tcp: Isometry3::translation(0.0, 0.0, 300.0),
     };
-    Setup { robot: Some(robot), torch: Torch::default(), clearance_mm: 1.0 }
+    FeasibilitySetup { robot: Some(robot), torch: Torch::default(), clearance_mm: 1.0 }
 }
 
 /// A straight seam along y through a place, torch upright or turned about its axis.
@@ -57,7 +57,7 @@ fn welded(paths: &[SeamPath], model: &PointCloud) -> Vec<Waypoint> {
     program(&passes, &Terrain::new(model, paths, MOTION.clearance_mm, None)).waypoints
 }
 
-fn assessed(paths: &[SeamPath], model: &PointCloud, setup: &Setup) -> Report {
+fn assessed(paths: &[SeamPath], model: &PointCloud, setup: &FeasibilitySetup) -> Report {
     let changed = |changes: &[(usize, Change)]| -> Vec<SeamPath> {
         paths
             .iter()
@@ -142,7 +142,7 @@ fn a_turn_about_the_torch_axis_is_suggested_where_the_last_joint_has_no_range_le
         robot.arm.limits.range_rad[j] = [low - 0.3, high + 0.3];
     }
     let report = assessed(&[seam(1, [450.0, 0.0, 100.0], 0.0)], &model, &setup);
-    assert!(report.problems.iter().any(|p| p.kind == Kind::Limit), "{:?}", report.problems);
+    assert!(report.problems.iter().any(|p| p.kind == ProblemKind::Limit), "{:?}", report.problems);
     let [suggestion] = report.suggestions.as_slice() else { panic!("{:?}", report.suggestions) };
     assert!(suggestion.solves_all && suggestion.seam == 1);
     let changed = rewelded(&seam(1, [450.0, 0.0, 100.0], 0.0), suggestion.change);
@@ -161,11 +161,11 @@ fn a_torch_pressed_into_the_table_collides_and_held_above_it_does_not() {
     assert!(above.is_feasible(), "{:?}", above.problems);
     let below = assessed(&[seam(1, [450.0, 0.0, 20.0], 0.0)], &model, &setup);
     assert!(
-        below.problems.iter().any(|p| p.kind == Kind::Collision && p.seam == Some(1)),
+        below.problems.iter().any(|p| p.kind == ProblemKind::Collision && p.seam == Some(1)),
         "{:?}",
         below.problems
     );
-    let free = Setup { robot: None, ..setup };
+    let free = FeasibilitySetup { robot: None, ..setup };
     let torch_only = assessed(&[seam(1, [450.0, 0.0, 20.0], 0.0)], &model, &free);
     assert!(!torch_only.is_feasible() && torch_only.checks.iter().all(|check| check.joints.is_none()));
 }
@@ -181,7 +181,7 @@ fn another_work_angle_is_suggested_beside_a_wall() {
     let model =
         PointCloud { origin_mm: Point3::origin(), normals: vec![Vector3::z(); points_mm.len()], points_mm };
     let report = assessed(&[seam(1, [450.0, 0.0, 100.0], 0.0)], &model, &setup("ur5e"));
-    assert!(report.problems.iter().any(|p| p.kind == Kind::Collision));
+    assert!(report.problems.iter().any(|p| p.kind == ProblemKind::Collision));
     let [suggestion] = report.suggestions.as_slice() else { panic!("{:?}", report) };
     assert!(matches!(suggestion.change, Change::WorkAngle(deg) if deg < 0.0), "{suggestion:?}");
     let changed = rewelded(&seam(1, [450.0, 0.0, 100.0], 0.0), suggestion.change);
@@ -208,7 +208,7 @@ fn the_feed_decides_whether_a_joint_is_too_fast() {
     let mut setup = setup("ur5e");
     setup.robot.as_mut().unwrap().arm.limits.speed_rad_s = [0.005; 6];
     let report = assessed(&[seam(1, [450.0, 0.0, 100.0], 0.0)], &PointCloud::default(), &setup);
-    assert!(report.problems.iter().any(|p| p.kind == Kind::Speed), "{:?}", report.problems);
+    assert!(report.problems.iter().any(|p| p.kind == ProblemKind::Speed), "{:?}", report.problems);
 }
 
 #[test]

@@ -10,7 +10,7 @@ use super::quantity::{
     FeedMmS, FrequencyHz, HeightMm, LeadMm, LiftMm, OutMm, PitchMm, Place, Points, SpacingMm, StandoffMm,
     StitchMm, Tacks, TimeS, TravelAngleDeg, TurnDeg, WavelengthMm, WorkAngleDeg,
 };
-use crate::weld::cornering::Corner;
+use crate::weld::cornering::Cornering;
 use crate::weld::program::Motion;
 use crate::weld::recipe::Recipe;
 use crate::weld::resampling::Sampling;
@@ -60,7 +60,8 @@ macro_rules! layer {
 }
 
 /// Which way a seam is welded.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]
 pub enum Direction {
     /// Whichever makes the air way shorter.
@@ -90,7 +91,8 @@ pub enum CornerWay {
 }
 
 /// How the tip swings.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]
 pub enum WeaveShape {
     /// Not at all.
@@ -107,7 +109,8 @@ pub enum WeaveShape {
 }
 
 /// Which stretches of a seam are welded.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]
 pub enum Pattern {
     /// All of it.
@@ -383,9 +386,9 @@ impl Weld {
     fn recipe(&self) -> Recipe {
         let (path, torch) = (&self.path, &self.torch);
         let corner = match path.corner.unwrap_or_default() {
-            CornerWay::Pass => Corner::Pass,
-            CornerWay::Stop => Corner::Stop,
-            CornerWay::Blend => Corner::BlendMm(path.corner_radius_mm.unwrap_or_default().get()),
+            CornerWay::Pass => Cornering::Pass,
+            CornerWay::Stop => Cornering::Stop,
+            CornerWay::Blend => Cornering::BlendMm(path.corner_radius_mm.unwrap_or_default().get()),
         };
         Recipe {
             sampling: Some(self.sampling()),

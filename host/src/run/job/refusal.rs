@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::layer::{self, Weld};
 use super::robot::RobotSettings;
-use super::{Job, Method};
+use super::{Job, MethodName};
 
 /// Why a job file is refused.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -48,7 +48,7 @@ pub(super) fn check(job: &Job, text: &str, path: &Path) -> Result<(), Error> {
     let refuse = |line: usize, why: &str, hint: &str| {
         Err(Error::Line { path: path.into(), line, why: why.into(), hint: hint.into() })
     };
-    if job.ratio_threshold.is_some() && job.method == Method::Weldpath {
+    if job.ratio_threshold.is_some() && job.method == MethodName::Weldpath {
         let hint = "add method = \"paper\", or leave the threshold to be found from the data";
         return refuse(
             line_of_key(text, "ratio_threshold"),

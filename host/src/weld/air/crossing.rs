@@ -8,7 +8,7 @@
 use nalgebra::{Point3, UnitVector3, Vector3};
 
 use super::terrain::{Known, Map, STEP_MM, swept};
-use super::{End, Pose};
+use super::{End, TorchPlace};
 
 /// A turn of the torch gets at least so much way, mm.
 const LEAST_MM: f64 = 5.0;
@@ -29,7 +29,7 @@ pub(super) struct Crossing<'a> {
 }
 
 /// Where the move across begins and ends.
-pub(super) type Across = [Pose; 2];
+pub(super) type Across = [TorchPlace; 2];
 
 impl Crossing<'_> {
     /// The shortest that is free, of those tried; a way longer than `most_mm` is of no use.
@@ -49,7 +49,7 @@ impl Crossing<'_> {
         found.min_by(|a, b| self.length_mm(a).total_cmp(&self.length_mm(b)))
     }
 
-    fn height_mm(&self, pose: &Pose) -> f64 {
+    fn height_mm(&self, pose: &TorchPlace) -> f64 {
         self.up.dot(&pose.tip_mm.coords)
     }
 
@@ -150,7 +150,7 @@ const MOST_OUT_MM: f64 = 300.0;
 
 impl Stretches {
     /// From a pose with so much room about each ball.
-    pub(super) fn of(map: &Map, known: &Known, pose: &Pose, room_mm: &[f64]) -> Self {
+    pub(super) fn of(map: &Map, known: &Known, pose: &TorchPlace, room_mm: &[f64]) -> Self {
         let free_to = |to_mm: Point3<f64>| stretch(map, known, pose, room_mm, to_mm);
         let out = free_to(pose.tip_mm + pose.out_of_work() * MOST_OUT_MM);
         let free = out.take_while(|free| *free).count();
@@ -162,7 +162,7 @@ impl Stretches {
 fn stretch<'s>(
     map: &'s Map,
     known: &'s Known,
-    pose: &'s Pose,
+    pose: &'s TorchPlace,
     room_mm: &'s [f64],
     to_mm: Point3<f64>,
 ) -> impl Iterator<Item = bool> + 's {

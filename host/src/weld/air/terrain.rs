@@ -12,7 +12,7 @@ use std::collections::HashMap;
 use nalgebra::{Point3, UnitVector3, Vector3};
 use rayon::prelude::*;
 
-use super::{Pose, up};
+use super::{TorchPlace, up};
 use crate::geometry::cloud::PointCloud;
 use crate::weld::SeamPath;
 use weldpath_core::path::interpolation::position_between;
@@ -271,7 +271,7 @@ impl Map {
     }
 
     /// Centre of a ball at a pose.
-    pub(super) fn centre_mm(&self, ball: usize, pose: &Pose) -> Point3<f64> {
+    pub(super) fn centre_mm(&self, ball: usize, pose: &TorchPlace) -> Point3<f64> {
         pose.tip_mm + pose.base_from_torch * self.balls[ball].0
     }
 
@@ -332,7 +332,7 @@ impl Known {
     }
 
     /// The torch is at `pose` anyway.
-    pub(super) fn mark(&mut self, map: &Map, pose: &Pose) {
+    pub(super) fn mark(&mut self, map: &Map, pose: &TorchPlace) {
         for ball in 0..map.balls() {
             let next = (ball + 1).min(map.balls() - 1);
             let (from_mm, to_mm) = (map.centre_mm(ball, pose), map.centre_mm(next, pose));
@@ -359,11 +359,11 @@ impl Known {
 
 /// The poses of the straight move from `from` to `to`, close enough for nothing to fit between; the first is `from`.
 pub(super) fn swept(
-    from: &Pose,
-    to: &Pose,
+    from: &TorchPlace,
+    to: &TorchPlace,
     lever_mm: f64,
     step_mm: f64,
-) -> impl Iterator<Item = Pose> + use<> {
+) -> impl Iterator<Item = TorchPlace> + use<> {
     let (from, to) = (*from, *to);
     let way_mm = (to.tip_mm - from.tip_mm).norm();
     let turn_mm = from.base_from_torch.angle_to(&to.base_from_torch) * lever_mm;
@@ -371,6 +371,9 @@ pub(super) fn swept(
     let turn = Arc::between(&from.base_from_torch, &to.base_from_torch);
     (0..=steps as usize).map(move |k| {
         let share = k as f64 / steps;
-        Pose { tip_mm: position_between(&from.tip_mm, &to.tip_mm, share), base_from_torch: turn.slerp(share) }
+        TorchPlace {
+            tip_mm: position_between(&from.tip_mm, &to.tip_mm, share),
+            base_from_torch: turn.slerp(share),
+        }
     })
 }
