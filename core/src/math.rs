@@ -10,6 +10,9 @@ use core::f32::consts::{FRAC_2_PI, LOG2_E};
 
 use crate::{Direction, Vector};
 
+#[cfg(all(feature = "fpu", not(target_arch = "arm")))]
+compile_error!("weldpath-core's feature `fpu` is for Cortex-M processors with single-precision hardware");
+
 /// Square root, correctly rounded: the board's own with feature `fpu`, which has the same bits.
 #[inline]
 pub fn sqrt(x: f32) -> f32 {

@@ -41,7 +41,7 @@ pub(crate) fn edge_points(views: &[View]) -> Vec<Point3<f64>> {
                 offsets_mm.push(index.point(slot) - centre);
             }
         });
-        intensity(&offsets_mm, radius_mm) > EDGE
+        intensity(offsets_mm, radius_mm) > EDGE
     };
     (0..model.len()).filter(on_edge).map(|i| model.in_base_mm(i)).collect()
 }

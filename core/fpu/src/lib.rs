@@ -24,6 +24,3 @@ pub fn sqrt(x: f32) -> f32 {
     }
     f32::from_bits(root)
 }
-
-#[cfg(not(target_arch = "arm"))]
-compile_error!("weldpath-core's feature `fpu` is for Cortex-M processors with single-precision hardware");
