@@ -22,6 +22,9 @@ pub(super) struct Format {
     pub reader: Reader,
 }
 
+/// Reads the head of a file of some length, for the fast path; `None` where that does not take it.
+type Header = fn(&[u8], usize, &Path) -> Option<Records>;
+
 /// What reads a format.
 #[derive(Clone, Copy)]
 pub(super) enum Reader {
@@ -29,8 +32,8 @@ pub(super) enum Reader {
     Points {
         /// The whole file.
         parse: fn(Vec<u8>, &Path) -> Result<Raw, Error>,
-        /// For the fast path, from the head of a file and its length.
-        records: Option<fn(&[u8], usize, &Path) -> Option<Records>>,
+        /// Where the fast path takes some of these files.
+        records: Option<Header>,
     },
     /// Views of its own: only as INPUT itself.
     Views {
