@@ -13,8 +13,8 @@ mod e57;
 // The count of a header is checked by its function for every format; the rest is for the two formats alone.
 #[cfg_attr(not(any(feature = "ply", feature = "pcd")), allow(dead_code))]
 mod fast;
+mod format;
 mod frame;
-mod kind;
 #[cfg(feature = "las")]
 mod las;
 mod manifest;
@@ -35,7 +35,7 @@ use std::path::{Path, PathBuf};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 use crate::geometry::cloud::View;
-use kind::Kind;
+use format::{Format, Reader};
 use raw::Raw;
 pub use units::{Units, UnknownUnits};
 
@@ -166,7 +166,7 @@ pub fn read(input: &Path, options: &Options) -> Result<Scan, Error> {
         return single(raw, input, options);
     }
     let bytes = read_file(input)?;
-    if kind::of(&bytes, input) == Some(Kind::Json) {
+    if let Some(Format { reader: Reader::Manifest, .. }) = format::of(&bytes, input) {
         return manifest::read(input, options);
     }
     read_bytes(bytes, input, options)
@@ -187,19 +187,18 @@ pub fn read(input: &Path, options: &Options) -> Result<Scan, Error> {
 /// # Ok::<(), input::Error>(())
 /// ```
 pub fn read_bytes(bytes: Vec<u8>, path: &Path, options: &Options) -> Result<Scan, Error> {
-    match kind_of(&bytes, path)? {
-        Kind::Png => depth::read_single(&bytes, path),
-        #[cfg(feature = "e57")]
-        Kind::E57 => e57::read(bytes, path, options),
-        kind => single(parse(bytes, kind, path)?, path, options),
+    let format = format_of(&bytes, path)?;
+    match format.reader {
+        Reader::Views { read, .. } => read(bytes, path, options),
+        _ => single(parse(bytes, format, path)?, path, options),
     }
 }
 
-fn kind_of(bytes: &[u8], path: &Path) -> Result<Kind, Error> {
+fn format_of(bytes: &[u8], path: &Path) -> Result<&'static Format, Error> {
     if bytes.is_empty() {
         return Err(Error::empty(path, "the file has 0 bytes"));
     }
-    kind::of(bytes, path).ok_or_else(|| Error::UnknownKind { path: path.into(), help: kind::help(path) })
+    format::of(bytes, path).ok_or_else(|| Error::UnknownKind { path: path.into(), help: format::help(path) })
 }
 
 /// The points of a PLY, PCD, XYZ/CSV, STL or OBJ file as they stand in it: its unit, its frame, nothing dropped.
@@ -219,45 +218,31 @@ fn parsed(path: &Path) -> Result<Raw, Error> {
         return Ok(raw);
     }
     let bytes = read_file(path)?;
-    let kind = kind_of(&bytes, path)?;
-    parse(bytes, kind, path)
+    let format = format_of(&bytes, path)?;
+    parse(bytes, format, path)
 }
 
 /// The points of one file, as they stand in it.
-fn parse(bytes: Vec<u8>, kind: Kind, path: &Path) -> Result<Raw, Error> {
-    match kind {
-        #[cfg(feature = "ply")]
-        Kind::Ply => ply::parse(&bytes, path),
-        #[cfg(not(feature = "ply"))]
-        Kind::Ply => without_feature(path, "PLY", "ply"),
-        #[cfg(feature = "pcd")]
-        Kind::Pcd => pcd::parse(&bytes, path),
-        #[cfg(not(feature = "pcd"))]
-        Kind::Pcd => without_feature(path, "PCD", "pcd"),
-        Kind::Text => text::parse(&bytes, path),
-        Kind::Stl => stl::parse(bytes, path),
-        Kind::Obj => mesh::parse_obj(&bytes, path),
-        Kind::E57 => without_feature(path, "E57", "e57"),
-        #[cfg(feature = "las")]
-        Kind::Las => las::parse(bytes, path),
-        #[cfg(not(feature = "las"))]
-        Kind::Las => without_feature(path, "LAS", "las"),
-        Kind::Png | Kind::Json => Err(Error::malformed(
-            path,
-            "byte 0",
-            "a point cloud is needed here, this is another kind of file",
-            "Give a depth image as `depth`, a cloud as `cloud`.",
-        )),
+fn parse(bytes: Vec<u8>, format: &Format, path: &Path) -> Result<Raw, Error> {
+    let another = |help: &str| {
+        let problem = "a point cloud is needed here, this is another kind of file";
+        Err(Error::malformed(path, "byte 0", problem, help))
+    };
+    match format.reader {
+        Reader::Points { parse, .. } => parse(bytes, path),
+        Reader::Views { elsewhere, .. } => another(elsewhere),
+        Reader::Manifest => another("Give a depth image as `depth`, a cloud as `cloud`."),
+        Reader::LeftOut(feature) => Err(left_out(path, format.name, feature)),
     }
 }
 
-/// A kind that this build leaves out, or that only stands alone.
-fn without_feature(path: &Path, kind: &str, feature: &str) -> Result<Raw, Error> {
+/// A format that this build does not read.
+fn left_out(path: &Path, format: &str, feature: &str) -> Error {
     let help = format!(
         "Give the file itself as INPUT to a build with `--features {feature}`; or export it as PLY or PCD, for instance with \
          CloudCompare"
     );
-    Err(Error::malformed(path, "byte 0", format!("{kind} is not read here"), help))
+    Error::malformed(path, "byte 0", format!("{format} is not read here"), help)
 }
 
 /// A single file as INPUT: its unit and its frame are for us to find out.

@@ -11,11 +11,7 @@ use std::path::Path;
 use nalgebra::Point3;
 
 use super::Error;
-use super::kind;
-#[cfg(feature = "pcd")]
-use super::pcd;
-#[cfg(feature = "ply")]
-use super::ply;
+use super::format::{self, Reader};
 use super::raw::{Positions, Raw};
 
 /// Bytes in which a header is expected to end.
@@ -83,13 +79,8 @@ pub(super) fn read(path: &Path) -> Option<Raw> {
     let mut file = File::open(path).ok()?;
     let mut head = vec![0; HEAD.min(length)];
     file.read_exact(&mut head).ok()?;
-    let Records { layout, count, begin, mut raw } = match kind::of(&head, path)? {
-        #[cfg(feature = "ply")]
-        kind::Kind::Ply => ply::records(&head, length, path),
-        #[cfg(feature = "pcd")]
-        kind::Kind::Pcd => pcd::records(&head, length, path),
-        _ => None,
-    }?;
+    let Reader::Points { records: Some(records), .. } = format::of(&head, path)?.reader else { return None };
+    let Records { layout, count, begin, mut raw } = records(&head, length, path)?;
     // A line that the head cuts off may go on: `DATA binary` as `DATA binary_compressed`.
     head[..begin].ends_with(b"\n").then_some(())?;
     file.seek(SeekFrom::Start(begin as u64)).ok()?;
@@ -204,9 +195,9 @@ mod tests {
             let path = folder.path().join(name);
             let bytes = [header.as_bytes(), &records, b"beyond"].concat();
             std::fs::write(&path, &bytes).unwrap();
-            let kind = kind::of(&bytes, &path).unwrap();
+            let format = format::of(&bytes, &path).unwrap();
             let (file, memory) =
-                (read(&path).unwrap(), super::super::parse(bytes.clone(), kind, &path).unwrap());
+                (read(&path).unwrap(), super::super::parse(bytes.clone(), format, &path).unwrap());
             assert_eq!((file.positions.len(), &file.positions), (points, &memory.positions));
             assert_eq!((file.viewpoint, file.notes), (memory.viewpoint, memory.notes));
             std::fs::write(&path, &bytes[..header.len() + records.len() - 1]).unwrap();
@@ -224,7 +215,7 @@ mod tests {
         for rest in ["_compressed\n", "\n"] {
             let text = format!("{comment}\n{fields}{last}{rest}{}", "0".repeat(20));
             // Its head alone could be taken for plain binary.
-            assert!(pcd::records(&text.as_bytes()[..HEAD], text.len(), &path).is_some());
+            assert!(super::super::pcd::records(&text.as_bytes()[..HEAD], text.len(), &path).is_some());
             std::fs::write(&path, &text).unwrap();
             assert!(read(&path).is_none());
             // One byte less, and the line ends within the head.
