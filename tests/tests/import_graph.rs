@@ -1,5 +1,5 @@
 //! The graph of the host's files, read from their sources: which file uses what another defines. A re-export is followed
-//! to the file that defines the name.
+//! to the file that defines the name, and is itself no use of it unless the file's own code says the name.
 //!
 //! Two rules. No circle of files leaves one folder, where `a.rs` counts as part of `a/`. Inside a folder, only the part
 //! `a/b.rs` and the file `a.rs` it is a part of may know each other, and only where the list says why.
@@ -13,7 +13,6 @@ type Module = Vec<String>;
 /// Folders whose parts use words of the file above them, and why these stand there.
 const CIRCLES: &[(&str, &str)] = &[
     ("input", "one Error for all readers, and the Scan that each fills; the file above tries them in turn"),
-    ("model/normals", "the scatter matrix, by cell and by point"),
     ("model/reconstruction", "settings and result of the registration that the solver fills"),
     ("pipeline", "settings, clock and error of the method, for the search over voxel sizes"),
     (
@@ -35,18 +34,15 @@ const CIRCLES: &[(&str, &str)] = &[
 ];
 
 /// Circles between files that are not a file and its parts; empty when every room is in order.
-const BESIDE: &[(&[&str], &str)] = &[
-    (&["seam/refine", "seam/stretch"], "settings and stations of the refinement"),
-    (
-        &[
-            "robot/feasibility/arm",
-            "robot/feasibility/catalogue",
-            "robot/feasibility/offset_wrist",
-            "robot/feasibility/spherical_wrist",
-        ],
-        "an arm is named from the catalogue, which is made of arms",
-    ),
-];
+const BESIDE: &[(&[&str], &str)] = &[(
+    &[
+        "robot/feasibility/arm",
+        "robot/feasibility/catalogue",
+        "robot/feasibility/offset_wrist",
+        "robot/feasibility/spherical_wrist",
+    ],
+    "an arm is named from the catalogue, which is made of arms",
+)];
 
 /// The files with their code: no comments, no unit tests.
 struct Sources {
@@ -106,7 +102,9 @@ impl Sources {
     /// From each file to those that it uses.
     fn graph(&self) -> BTreeMap<&Module, BTreeSet<Module>> {
         let edges = |module: &Module| {
-            let used = self.uses[module].iter().map(|(_, path)| path.clone());
+            let passed_on = names_passed_on(&self.code[module]);
+            let used = self.uses[module].iter().filter(|(name, _)| !passed_on.contains(name));
+            let used = used.map(|(_, path)| path.clone());
             let named = paths(&self.code[module]);
             let defined = used.chain(named).filter_map(|path| self.defines(module, &path, 8));
             defined.filter(|to| to != module && !to.is_empty()).collect()
@@ -148,6 +146,22 @@ fn uses(code: &str) -> Vec<(String, Vec<String>)> {
         }
     }
     found
+}
+
+/// Names that the code makes public by `pub use` and does not say otherwise.
+fn names_passed_on(code: &str) -> BTreeSet<String> {
+    let (mut passed_on, mut own) = (BTreeSet::new(), BTreeSet::new());
+    for statement in code.split_inclusive(';') {
+        let imports = uses(statement);
+        if imports.is_empty() {
+            let words = statement.split(|c: char| !(c.is_alphanumeric() || c == '_'));
+            own.extend(words.map(str::to_owned));
+        } else if statement.contains("pub use ") || statement.contains("pub(crate) use ") {
+            passed_on.extend(imports.into_iter().map(|(name, _)| name));
+        }
+    }
+    passed_on.retain(|name| !own.contains(name));
+    passed_on
 }
 
 /// The paths of a tree of `use`, one by one.
