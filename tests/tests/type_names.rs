@@ -13,7 +13,7 @@ const BY_MODULE: &[(&str, &str)] = &[
 /// Names of two things that stand in rooms under reconstruction; each is to go, none is to join.
 const LEFT: &[(&str, &[&str])] = &[
     ("core/src", &["CameraPose", "EdgeScore", "HandFrame", "Jog", "Patch"]),
-    ("host/src", &["Evidence", "Kind", "Link", "Method", "Robot", "Scan", "Settings", "Setup", "Units"]),
+    ("host/src", &["Evidence", "Link", "Scan"]),
 ];
 
 fn walk(folder: &Path, types: &mut BTreeMap<String, Vec<String>>) {
