@@ -8,7 +8,17 @@
 # and a toolchain for the Cortex-M4F. As root on Debian it fetches what is missing by apt-get and prints what; otherwise it prints the command.
 set -eu
 cd "$(dirname "$0")/.."
-say() { printf '\n== %s\n' "$*"; }
+# Names a part, and at the end says how long each took.
+begun=$(date +%s)
+parts=
+part=
+say() {
+    now=$(date +%s)
+    [ -z "$part" ] || parts="$parts$(printf '%5d s  %s' $((now - begun)) "$part")
+"
+    begun=$now part="$*"
+    printf '\n== %s\n' "$*"
+}
 
 missing=
 need() { missing="$missing $*"; }
@@ -37,17 +47,33 @@ say "format"
 cargo fmt --all --check
 (cd firmware && cargo fmt --check)
 
-say "lints, host"
+say "licences, versions and sources of the dependencies"
+if command -v cargo-deny >/dev/null; then
+    cargo deny --log-level error check licenses bans sources
+    cargo deny --log-level error --manifest-path firmware/Cargo.toml --config deny.toml check licenses bans sources
+else
+    echo "!! NOT CHECKED: cargo-deny is not installed (cargo install cargo-deny --locked)"
+fi
+
+say "lints, every reader"
 cargo clippy --workspace --all-targets --quiet -- -D warnings
 
-say "lints and readers with every feature"
-cargo clippy -p weldpath --all-targets --features e57,las --quiet -- -D warnings
+say "lints, as a user builds it"
+cargo clippy -p weldpath --quiet -- -D warnings
 
 say "lints of the library alone: no command, no optional reader"
 cargo clippy -p weldpath --no-default-features --quiet -- -D warnings
 
 say "documentation"
 RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --quiet
+
+declared=$(sed -n 's/^rust-version = "\(.*\)"/\1/p' Cargo.toml)
+say "oldest compiler, $declared"
+if compiler=$(tests/compiler.sh "$declared"); then
+    RUSTC=$compiler CARGO_TARGET_DIR=target/oldest cargo check --workspace --quiet
+else
+    echo "!! NOT CHECKED: no rustc $declared here (rustup toolchain install $declared); the lints name what its library lacks"
+fi
 
 say "firmware: emulated board, STM32F407, lints"
 firmware/build.sh build --release
@@ -56,10 +82,10 @@ firmware/build.sh clippy --release --no-default-features --features stm32f407 --
 firmware/build.sh build --release --no-default-features --features stm32f407
 
 say "mutants apply"
-MUTANTS_TARGET_DIR="$PWD/target/mutants" tests/mutants.sh --check
+MUTANTS_TARGET_DIR="$PWD/target" tests/mutants.sh --check
 
-say "tests: units, properties, fixtures, link, firmware in QEMU, report in Chromium"
+say "tests: units, properties, every reader, fixtures, link, firmware in QEMU, report in Chromium"
 WELDPATH_REQUIRE_QEMU=1 WELDPATH_REQUIRE_CHROMIUM=1 cargo test --workspace
 
-say "tests: E57 and LAS"
-cargo test -p weldpath --features e57,las --lib input::
+say "all passed"
+printf '%s' "$parts"

@@ -10,7 +10,7 @@ mod depth;
 mod direction;
 #[cfg(feature = "e57")]
 mod e57;
-// The count of a header is checked by its function for every format; the rest is for the two formats alone.
+mod extent;
 #[cfg_attr(not(any(feature = "ply", feature = "pcd")), allow(dead_code))]
 mod fast;
 mod format;
@@ -24,6 +24,9 @@ mod pcd;
 #[cfg(feature = "ply")]
 mod ply;
 mod raw;
+// The count of a header is checked here for every format; the rest is for the two formats alone.
+#[cfg_attr(not(any(feature = "ply", feature = "pcd")), allow(dead_code))]
+mod records;
 mod stl;
 mod text;
 mod trajectory;

@@ -103,7 +103,7 @@ pub struct Evidence<'a> {
     pub intensity: &'a [f32],
 }
 
-/// Sees every stage as it finishes; `()` looks away.
+/// Sees every stage as it finishes; `()` is an observer that does nothing.
 pub trait Observer {
     /// A stage begins; `name` is the name of its module.
     fn stage(&mut self, name: &'static str) {
@@ -113,7 +113,7 @@ pub trait Observer {
     fn cloud(&mut self, stage: &'static str, cloud: &PointCloud) {
         let _ = (stage, cloud);
     }
-    /// What the seams were found in, or sought in vain: once, when the size of the voxels is settled.
+    /// What seams were searched in, whether or not any was found: called once, when the size of the voxels is settled.
     fn evidence(&mut self, evidence: &Evidence) {
         let _ = evidence;
     }

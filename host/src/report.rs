@@ -12,10 +12,12 @@ mod picture;
 mod points;
 mod ratio;
 mod recording;
+mod run;
 
 pub use deviation::deviation;
 pub use page::with_deviation;
 pub use recording::Recording;
+use run::Run;
 
 use crate::files::File;
 use crate::output::summary::{Source, Summary};
@@ -60,16 +62,6 @@ pub fn without_seams(recording: &Recording, job: &Job, reason: &str) -> Vec<File
         Summary::new(&plan, Source::default(), &[], &[], job.order.up.get(), vec![reason.to_owned()]);
     let output = Output { paths: Vec::new(), program: Program::default(), summary, files: Vec::new() };
     files(&plan, &output, recording, job)
-}
-
-/// All there is to show.
-#[derive(Clone, Copy)]
-struct Run<'a> {
-    plan: &'a Plan,
-    output: &'a Output,
-    recording: &'a Recording,
-    job: &'a Job,
-    title: &'a str,
 }
 
 /// Name of the input without its folders.

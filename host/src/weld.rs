@@ -11,6 +11,7 @@ pub mod cornering;
 pub mod ends;
 pub mod offset;
 pub mod ordering;
+pub mod pass;
 pub mod position;
 pub mod program;
 pub mod recipe;

@@ -20,14 +20,19 @@ pub mod world;
 
 use std::path::{Path, PathBuf};
 
-/// A file or folder of the data that lies beside a checkout, `shared/data/`, if it is there.
+/// A file or folder `shared/PATH` that lies beside the checkout or above it, if it is there.
+pub fn beside(path: &str) -> Option<PathBuf> {
+    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
+    here.ancestors().map(|folder| folder.join("shared").join(path)).find(|file| file.exists())
+}
+
+/// A file or folder of the data that lies beside a checkout, `shared/data/PATH`.
 ///
-/// It is not part of the repository: a test without it says so and is skipped.
-pub fn shared_data(path: &str) -> Option<PathBuf> {
-    let beside = |folder: &Path| folder.join("shared/data").join(path);
-    let found = Path::new(env!("CARGO_MANIFEST_DIR")).ancestors().map(beside).find(|file| file.exists());
-    if found.is_none() {
-        println!("skipped: no shared/data/{path} beside the checkout");
-    }
-    found
+/// It is not part of the repository: a test that calls this carries `#[cfg_attr(not(shared_data), ignore)]`
+/// (`tests/build.rs`), so that it counts as ignored where the data is absent.
+///
+/// # Panics
+/// If the data is there, but not this part of it.
+pub fn shared_data(path: &str) -> PathBuf {
+    beside(&format!("data/{path}")).unwrap_or_else(|| panic!("no shared/data/{path} beside the checkout"))
 }

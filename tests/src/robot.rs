@@ -180,7 +180,7 @@ pub fn number(text: &str) -> Result<f64, String> {
     Ok(value)
 }
 
-/// Whether `name` has a letter first, then letters, digits and underscores, and at most so many characters.
+/// Whether `name` has a letter first, then letters, digits and underscores, and no more characters than `most`.
 ///
 /// # Errors
 /// The rule that it breaks.

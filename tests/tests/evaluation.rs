@@ -1,5 +1,5 @@
-//! `weldpath::lab::evaluation` against the project's reference script, where Python with numpy and scipy and the script are
-//! at hand: the same files go through both, and every number agrees within 1e-3.
+//! `weldpath::lab::evaluation` against the reference script `../shared/tools/evaluate.py` (ignored without it or without numpy and scipy):
+//! the same files go through both, and every number agrees within 1e-3.
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use serde_json::Value;
@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use weldpath::lab::evaluation::{Options, PathSet, Target, Truth, align, f1, paper_rmse, score};
 use weldpath::lab::simulation::{Part, Request, stage};
+use weldpath_tests::beside;
 
 const TOLERANCE: f64 = 1e-3;
 
@@ -28,17 +29,6 @@ for csv, gt in zip(sys.argv[2::2], sys.argv[3::2]):
     out['paper'] = paper_rmse(P, R, g['seams'][0])
     print(json.dumps(out))
 "#;
-
-/// The folder `shared/tools` beside the project or above it.
-fn tools() -> Option<PathBuf> {
-    let above = Path::new(env!("CARGO_MANIFEST_DIR")).ancestors();
-    above.map(|folder| folder.join("shared/tools")).find(|tools| tools.join("evaluate.py").is_file())
-}
-
-fn python_can_run_it() -> bool {
-    let check = Command::new("python3").args(["-c", "import numpy, scipy"]).output();
-    check.is_ok_and(|output| output.status.success())
-}
 
 /// Truth files: those given with the project, where they are, and freshly simulated ones.
 fn truths(tools: &Path, folder: &Path) -> Vec<PathBuf> {
@@ -147,13 +137,12 @@ fn compare(place: &str, reference: &Value, own: &Value) -> usize {
 }
 
 #[test]
+#[cfg_attr(
+    not(reference_script),
+    ignore = "needs ../shared/tools/evaluate.py and python3 with numpy and scipy"
+)]
 fn every_number_agrees_with_the_reference_script() {
-    let Some(tools) = tools().filter(|_| python_can_run_it()) else {
-        println!(
-            "skipped: needs python3 with numpy and scipy, and shared/tools/evaluate.py above this project"
-        );
-        return;
-    };
+    let tools = beside("tools").expect("the folder of the reference script");
     let folder = tempfile::tempdir().expect("a folder");
     let mut pairs = Vec::new();
     for (i, truth) in truths(&tools, folder.path()).into_iter().enumerate() {

@@ -338,11 +338,12 @@ fn the_made_recording_captures_six_views_through_all_regions_with_clutch_and_los
 type Palm = ([i32; 3], u8);
 
 #[test]
+#[cfg_attr(not(shared_data), ignore = "needs ../shared/data beside the checkout")]
 fn compressed_recordings_hold_the_same_hands_as_the_derived_tables() {
     let folder = "real/leapmotion+leapjs-playback/recorder/recordings";
     for name in ["wave", "confidence-74fps", "rollAndPitchWithEntry", "HandSplay-110fps"] {
-        let Some(compressed) = shared_data(&format!("{folder}/{name}.json.lz")) else { return };
-        let Some(table) = shared_data(&format!("real/derived/leap/{name}.csv")) else { return };
+        let compressed = shared_data(&format!("{folder}/{name}.json.lz"));
+        let table = shared_data(&format!("real/derived/leap/{name}.csv"));
         let seen = |frames: Vec<wire::HandFrame>| -> Vec<_> {
             let hands = frames.into_iter().flat_map(|f| [f.left, f.right]);
             hands.flatten().map(|h| (h.palm_um.map(|um| (um + 50).div_euclid(100)), h.extended)).collect()
@@ -358,9 +359,10 @@ fn compressed_recordings_hold_the_same_hands_as_the_derived_tables() {
 }
 
 #[test]
+#[cfg_attr(not(shared_data), ignore = "needs ../shared/data beside the checkout")]
 fn on_wave_the_camera_turns_no_more_than_the_hand_over_the_link() {
     let file = "real/leapmotion+leapjs-playback/recorder/recordings/wave.json.lz";
-    let Some(file) = shared_data(file) else { return };
+    let file = shared_data(file);
     let poses = simulation::stage(&request()).unwrap().base_from_camera;
     let setup = Setup {
         base_from_camera: poses[0],

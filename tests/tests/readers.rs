@@ -1,23 +1,12 @@
 //! The readers on real files that others made: every cloud, mesh and depth frame is read, with the count of its header.
 //!
-//! Skipped, with a line that says so, where the data is absent. `--nocapture` prints what was decided for each file.
+//! Ignored where `shared/data` does not lie beside the checkout. `--nocapture` prints what was decided for each file.
 
 use std::path::{Path, PathBuf};
 
 use weldpath::input;
 use weldpath::input::{Options, Scan};
-
-fn data(folder: &str) -> Option<PathBuf> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
-        .ancestors()
-        .map(|dir| dir.join("../shared/data"))
-        .find(|p| p.is_dir());
-    let found = path.map(|data| data.join(folder)).filter(|folder| folder.is_dir());
-    if found.is_none() {
-        println!("skipped: ../shared/data/{folder} is absent");
-    }
-    found
-}
+use weldpath_tests::shared_data;
 
 fn files(folder: &Path, extensions: &[&str]) -> Vec<PathBuf> {
     let mut found = Vec::new();
@@ -63,8 +52,9 @@ fn print(path: &Path, scan: &Scan) {
 }
 
 #[test]
+#[cfg_attr(not(shared_data), ignore = "needs ../shared/data beside the checkout")]
 fn every_real_cloud_has_the_points_of_its_header() {
-    let Some(real) = data("real") else { return };
+    let real = shared_data("real");
     for path in files(&real, &["pcd", "ply"]) {
         let scan = read(&path);
         print(&path, &scan);
@@ -81,8 +71,9 @@ fn every_real_cloud_has_the_points_of_its_header() {
 }
 
 #[test]
+#[cfg_attr(not(shared_data), ignore = "needs ../shared/data beside the checkout")]
 fn every_real_mesh_and_depth_frame_is_read() {
-    let Some(real) = data("real") else { return };
+    let real = shared_data("real");
     for path in files(&real, &["stl", "obj", "png"]) {
         let scan = read(&path);
         print(&path, &scan);
@@ -93,8 +84,9 @@ fn every_real_mesh_and_depth_frame_is_read() {
 }
 
 #[test]
+#[cfg_attr(not(shared_data), ignore = "needs ../shared/data beside the checkout")]
 fn neighbourhoods_of_csv_points_are_read() {
-    let Some(real) = data("real") else { return };
+    let real = shared_data("real");
     for name in ["1264.csv", "1278.csv"] {
         let path = real.join("blackhorsewu+CoboWeld/src/coboweld_core/src/script").join(name);
         let rows = std::fs::read_to_string(&path).unwrap().lines().count() - 1;
@@ -105,8 +97,9 @@ fn neighbourhoods_of_csv_points_are_read() {
 }
 
 #[test]
+#[cfg_attr(not(shared_data), ignore = "needs ../shared/data beside the checkout")]
 fn every_simulated_scan_has_a_view_for_each_pose() {
-    let Some(scans) = data("scans") else { return };
+    let scans = shared_data("scans");
     for path in files(&scans, &["json"]).into_iter().filter(|path| path.ends_with("scan.json")) {
         let views = std::fs::read_to_string(&path).unwrap().matches("base_from_flange").count();
         let scan = read(path.parent().unwrap());
@@ -117,8 +110,9 @@ fn every_simulated_scan_has_a_view_for_each_pose() {
 }
 
 #[test]
+#[cfg_attr(not(shared_data), ignore = "needs ../shared/data beside the checkout")]
 fn a_folder_of_depth_frames_takes_its_redwood_trajectory() {
-    let Some(real) = data("real") else { return };
+    let real = shared_data("real");
     let folder = real.join("isl-org+Open3D/examples/TestData/RGBD");
     let scan = read(&folder);
     assert_eq!(scan.views.len(), 5);
@@ -127,8 +121,9 @@ fn a_folder_of_depth_frames_takes_its_redwood_trajectory() {
 }
 
 #[test]
+#[cfg_attr(not(shared_data), ignore = "needs ../shared/data beside the checkout")]
 fn clouds_of_known_frame_and_unit_are_taken_as_such() {
-    let Some(real) = data("real") else { return };
+    let real = shared_data("real");
     for (path, camera_known) in [
         ("blackhorsewu+CoboWeld/src/coboweld_core/src/script/nodownsample.pcd", true),
         ("blackhorsewu+CoboWeld/src/coboweld_core/src/script/3mmvoxel.pcd", true),

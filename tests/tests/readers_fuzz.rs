@@ -185,7 +185,7 @@ fn undamaged_files_of_every_kind_are_read() {
     }
 }
 
-/// At least so many cases; `PROPTEST_CASES` asks for more.
+/// The least number of cases; `PROPTEST_CASES` asks for more.
 fn config(cases: u32) -> ProptestConfig {
     let default = ProptestConfig::default();
     ProptestConfig { cases: default.cases.max(cases), failure_persistence: None, ..default }

@@ -1,6 +1,6 @@
 //! Clouds, meshes and depth frames that others recorded: every one ends well, and the seams in them are where they are.
 //!
-//! Skipped, with a line that says so, where `shared/data/real` does not lie beside the checkout.
+//! Ignored where `shared/data` does not lie beside the checkout.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -53,8 +53,9 @@ fn clouds(folder: &Path, found: &mut Vec<PathBuf>) {
 }
 
 #[test]
+#[cfg_attr(not(shared_data), ignore = "needs ../shared/data beside the checkout")]
 fn every_cloud_mesh_and_frame_has_seams_or_a_reason_for_none() {
-    let Some(real) = shared_data("real") else { return };
+    let real = shared_data("real");
     let mut files = Vec::new();
     clouds(&real, &mut files);
     assert!(files.len() > 40, "{} files", files.len());
@@ -134,8 +135,9 @@ fn groove_centre_line(real: &Path) -> Vec<Point3<f64>> {
 }
 
 #[test]
+#[cfg_attr(not(shared_data), ignore = "needs ../shared/data beside the checkout")]
 fn the_milled_groove_is_followed_within_a_millimetre_and_nothing_else_is() {
-    let Some(real) = shared_data("real") else { return };
+    let real = shared_data("real");
     let line = groove_centre_line(&real);
     let scan = read(&real.join(GROOVE), Units::Auto);
     let near: Vec<Point3<f64>> = scan
@@ -155,8 +157,9 @@ fn the_milled_groove_is_followed_within_a_millimetre_and_nothing_else_is() {
 }
 
 #[test]
+#[cfg_attr(not(shared_data), ignore = "needs ../shared/data beside the checkout")]
 fn the_lap_joints_seam_lies_on_the_upper_plates_edge() {
-    let Some(assets) = shared_data("real/abhinand4as+weld_seam_ros2/assets") else { return };
+    let assets = shared_data("real/abhinand4as+weld_seam_ros2/assets");
     let mut wrong = Vec::new();
     for (name, x_mm) in [("lap_joint_test.pcd", 0.0), ("lap_joint_with_table.pcd", 60.0)] {
         let said = match plan(&assets.join(name)) {
@@ -174,8 +177,9 @@ fn the_lap_joints_seam_lies_on_the_upper_plates_edge() {
 }
 
 #[test]
+#[cfg_attr(not(shared_data), ignore = "needs ../shared/data beside the checkout")]
 fn one_valley_is_found_in_one_place_at_five_densities() {
-    let Some(real) = shared_data("real") else { return };
+    let real = shared_data("real");
     let mut files = Vec::new();
     clouds(&real.join("blackhorsewu+CoboWeld"), &mut files);
     let densities = ["nodownsample", "1mmvoxel", "1-5mmvoxel", "2mmvoxel", "3mmvoxel"];
@@ -233,8 +237,9 @@ fn small_gicp_transform(data: &Path) -> Isometry3<f64> {
 }
 
 #[test]
+#[cfg_attr(not(shared_data), ignore = "needs ../shared/data beside the checkout")]
 fn a_lidar_pair_is_aligned_to_its_shipped_transform() {
-    let Some(data) = shared_data("real/koide3+small_gicp/data") else { return };
+    let data = shared_data("real/koide3+small_gicp/data");
     let views = [lidar(&data.join("target.ply")), lidar(&data.join("source.ply"))];
     // A lidar's range is as good at grazing incidence; 15 spacings are the quarter of a metre that is usual for such scans.
     let config = normals::Config { cell_spacings: 15.0, min_incidence_cos: 0.0, ..Default::default() };
@@ -249,8 +254,9 @@ fn a_lidar_pair_is_aligned_to_its_shipped_transform() {
 }
 
 #[test]
+#[cfg_attr(not(shared_data), ignore = "needs ../shared/data beside the checkout")]
 fn views_of_a_lidar_are_registered_without_any_prior() {
-    let Some(data) = shared_data("real/koide3+small_gicp/data") else { return };
+    let data = shared_data("real/koide3+small_gicp/data");
     let views = [lidar(&data.join("target.ply")), lidar(&data.join("source.ply"))];
     let patches = normals::of_views(&views, &normals::Config::default());
     let cell_mm = patches[0].cell_mm;
@@ -297,11 +303,9 @@ fn overlap(from: &[Point3<f64>], onto: &[Point3<f64>]) -> (f64, f64) {
 }
 
 #[test]
+#[cfg_attr(not(shared_data), ignore = "needs ../shared/data beside the checkout")]
 fn two_views_of_the_y_shaped_piece_are_registered_from_their_stored_poses() {
-    let Some(folder) = shared_data("real/pengrui-rio+welding-robot/pointcloud_dataset/Thu_Apr_2_10_14_30")
-    else {
-        return;
-    };
+    let folder = shared_data("real/pengrui-rio+welding-robot/pointcloud_dataset/Thu_Apr_2_10_14_30");
     let scan = tempfile::tempdir().expect("a folder");
     let mut views = Vec::new();
     for name in ["3_frame", "5_frame"] {

@@ -109,7 +109,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
 /// The paper's section III.
 fn paper(args: &Args) -> Result<(), Failure> {
     files::check(&args.out).map_err(|error| Failure::new(Exit::Output, error))?;
-    let settings = comparison::Settings { fixtures: args.fixtures.clone(), runs: usize::from(args.runs) };
+    let settings = comparison::Options { fixtures: args.fixtures.clone(), runs: usize::from(args.runs) };
     let begin = &mut |what: &str| {
         if !args.quiet {
             eprintln!("{what} ...");

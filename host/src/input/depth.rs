@@ -9,7 +9,7 @@ use nalgebra::{Isometry3, Point3};
 use png::{BitDepth, ColorType, Decoder};
 use serde::Deserialize;
 
-use super::{Error, Scan, fast, name_of};
+use super::{Error, Scan, name_of, records};
 use crate::geometry::cloud::View;
 
 /// Pinhole intrinsics, in pixels, and the size of a count.
@@ -105,7 +105,14 @@ fn counts(bytes: &[u8], camera: &Camera, path: &Path) -> Result<Vec<u8>, Error> 
     }
     let pixels = u64::from(header.width) * u64::from(header.height);
     let most = (bytes.len() as u64).saturating_mul(DEFLATE_GROWTH);
-    fast::check_count(pixels, 2, usize::try_from(most).unwrap_or(usize::MAX), "pixels", "PNG header", path)?;
+    records::check_count(
+        pixels,
+        2,
+        usize::try_from(most).unwrap_or(usize::MAX),
+        "pixels",
+        "PNG header",
+        path,
+    )?;
     let mut reader = decoder.read_info().map_err(damaged)?;
     let mut counts = vec![0; 2 * pixels as usize];
     reader.next_frame(&mut counts).map_err(damaged)?;

@@ -8,73 +8,18 @@ use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
 
-use nalgebra::Point3;
-
-use super::Error;
 use super::format::{self, Reader};
-use super::raw::{Positions, Raw};
+use super::raw::Raw;
+use super::records::{Records, append};
 
 /// Bytes in which a header is expected to end.
 const HEAD: usize = 1 << 14;
 /// Bytes that are read at a time: few enough to stay in the caches until they are points.
 const PIECE: usize = 1 << 17;
 
-/// Where x, y and z are in a record.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Layout {
-    /// Bytes per record, at least 1.
-    pub stride: usize,
-    /// Byte offset of x, y and z in the record.
-    pub offsets: [usize; 3],
-    /// Bytes per coordinate: 4 or 8.
-    pub width: Width,
-}
-
-/// Precision of a coordinate.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Width {
-    Single,
-    Double,
-}
-
-/// Refuses a count that the bytes after the header cannot hold, before anything is allocated for it.
-/// `place` is the field of the header, `record` the least number of bytes for one.
-pub(super) fn check_count(
-    claimed: u64,
-    record: u64,
-    available: usize,
-    what: &'static str,
-    place: impl Into<String>,
-    path: &Path,
-) -> Result<usize, Error> {
-    let available = available as u64;
-    let possible = available / record.max(1);
-    match usize::try_from(claimed) {
-        Ok(count) if claimed <= possible => Ok(count),
-        _ => Err(Error::Oversized {
-            path: path.into(),
-            place: place.into(),
-            what,
-            claimed,
-            available,
-            possible,
-        }),
-    }
-}
-
-/// Where the records of a file begin, how many there are, and what else the header tells.
-pub(super) struct Records {
-    pub layout: Layout,
-    pub count: usize,
-    /// Bytes before the first of them.
-    pub begin: usize,
-    /// Still without points.
-    pub raw: Raw,
-}
-
 /// Reads a file of such records; `None` for any other, and where something is amiss: [`super::parse`] tells what.
 pub(super) fn read(path: &Path) -> Option<Raw> {
-    // Before it is opened: a pipe would make us wait.
+    // Asked before it is opened: opening a pipe would block.
     let length = std::fs::metadata(path).ok().filter(|m| m.is_file())?.len().try_into().ok()?;
     let mut file = File::open(path).ok()?;
     let mut head = vec![0; HEAD.min(length)];
@@ -86,7 +31,7 @@ pub(super) fn read(path: &Path) -> Option<Raw> {
     file.seek(SeekFrom::Start(begin as u64)).ok()?;
     raw.positions = layout.room_for(count)?;
     let most = PIECE / layout.stride;
-    // Records longer than a piece are nobody's.
+    // No format has records longer than a piece.
     (most > 0).then_some(())?;
     let mut piece = vec![0; most.min(count) * layout.stride];
     for first in (0..count).step_by(most) {
@@ -97,83 +42,9 @@ pub(super) fn read(path: &Path) -> Option<Raw> {
     Some(raw)
 }
 
-/// The first `count` records of `data`, which [`check_count`] has seen.
-pub(super) fn positions(data: &[u8], layout: Layout, count: usize) -> Positions {
-    let mut positions = layout.none();
-    append(&mut positions, &data[..count * layout.stride], layout);
-    positions
-}
-
-impl Layout {
-    fn none(&self) -> Positions {
-        match self.width {
-            Width::Single => Positions::Single(Vec::new()),
-            Width::Double => Positions::Double(Vec::new()),
-        }
-    }
-
-    /// No positions yet; `None` where the memory does not hold so many.
-    fn room_for(&self, count: usize) -> Option<Positions> {
-        let mut positions = self.none();
-        match &mut positions {
-            Positions::Single(points) => points.try_reserve_exact(count).ok()?,
-            Positions::Double(points) => points.try_reserve_exact(count).ok()?,
-        }
-        Some(positions)
-    }
-}
-
-/// Adds the points of whole records.
-fn append(to: &mut Positions, data: &[u8], layout: Layout) {
-    let records = data.chunks_exact(layout.stride);
-    let [x, y, z] = layout.offsets;
-    match to {
-        Positions::Single(points) if y == x + 4 && z == y + 4 => {
-            points.extend(records.map(|r| three_singles(&r[x..x + 12])));
-        }
-        Positions::Single(points) => {
-            points.extend(records.map(|r| Point3::new(single(r, x), single(r, y), single(r, z))));
-        }
-        Positions::Double(points) => {
-            points.extend(records.map(|r| Point3::new(double(r, x), double(r, y), double(r, z))));
-        }
-    }
-}
-
-#[inline]
-fn three_singles(bytes: &[u8]) -> Point3<f32> {
-    Point3::new(single(bytes, 0), single(bytes, 4), single(bytes, 8))
-}
-
-#[inline]
-fn single(record: &[u8], at: usize) -> f32 {
-    let mut bytes = [0; 4];
-    bytes.copy_from_slice(&record[at..at + 4]);
-    f32::from_le_bytes(bytes)
-}
-
-#[inline]
-fn double(record: &[u8], at: usize) -> f64 {
-    let mut bytes = [0; 8];
-    bytes.copy_from_slice(&record[at..at + 8]);
-    f64::from_le_bytes(bytes)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn fields_are_found_at_their_offsets_in_any_order() {
-        let mut record = vec![9u8];
-        for v in [3.0f32, 1.0, 2.0] {
-            record.extend(v.to_le_bytes());
-        }
-        let layout = Layout { stride: 13, offsets: [5, 9, 1], width: Width::Single };
-        let two = [record.clone(), record].concat();
-        let point = Point3::new(1.0, 2.0, 3.0);
-        assert_eq!(positions(&two, layout, 2), Positions::Single(vec![point, point]));
-    }
 
     #[test]
     fn a_file_gives_the_points_that_its_bytes_give_and_a_short_one_is_left_to_its_reader() {
@@ -222,12 +93,5 @@ mod tests {
             std::fs::write(&path, &text[1..]).unwrap();
             assert_eq!(read(&path).is_some(), rest == "\n");
         }
-    }
-
-    #[test]
-    fn a_count_beyond_the_file_is_refused_with_both_numbers() {
-        let error = check_count(4_000_000_000, 12, 1000, "points", "POINTS", Path::new("a.pcd")).unwrap_err();
-        let text = error.to_string();
-        assert!(text.contains("4000000000") && text.contains("83") && text.contains("a.pcd"), "{text}");
     }
 }

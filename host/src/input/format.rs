@@ -3,8 +3,8 @@
 
 use std::path::Path;
 
-use super::fast::Records;
 use super::raw::Raw;
+use super::records::Records;
 use super::{Error, Options, Scan, depth, mesh, stl, text};
 
 /// How a file is known, and what reads it.

@@ -7,7 +7,8 @@ use std::collections::HashMap;
 
 use nalgebra::Vector3;
 
-use super::raw::{Extent, Raw};
+use super::extent::Extent;
+use super::raw::Raw;
 
 /// Half of the widest field of view, as a cosine: 50 degrees.
 const LEAST_COSINE: f64 = 0.642_787_609_686_539_3;

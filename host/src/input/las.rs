@@ -7,8 +7,8 @@ use las::Reader;
 use nalgebra::Point3;
 
 use super::Error;
-use super::fast;
 use super::raw::{Positions, Raw};
+use super::records;
 use super::units::Unit;
 
 /// The shortest point record of the format, bytes.
@@ -33,7 +33,7 @@ pub(super) fn parse(bytes: Vec<u8>, path: &Path) -> Result<Raw, Error> {
     let (count, packed) = (reader.header().number_of_points(), reader.header().point_format().is_compressed);
     let possible = if packed { available.saturating_mul(LAZ_POINTS_PER_BYTE as usize) } else { available };
     let record = if packed { 1 } else { RECORD };
-    let count = fast::check_count(count, record, possible, "points", "number of point records", path)?;
+    let count = records::check_count(count, record, possible, "points", "number of point records", path)?;
     let mut points = Vec::with_capacity(count);
     while points.len() < count {
         let chunk = reader.read_points(CHUNK).map_err(bad)?;

@@ -7,7 +7,8 @@ use std::path::Path;
 
 use nalgebra::{Point3, Vector3};
 
-use super::raw::{Extent, FARTHEST, Positions, Raw};
+use super::extent::Extent;
+use super::raw::{FARTHEST, Positions, Raw};
 use super::{Error, name_of, translation, whole_mm};
 use crate::geometry::cloud::View;
 

@@ -10,8 +10,8 @@ use pcd_rs::metas::{DataKind, PcdMeta, Schema, ValueKind};
 use pcd_rs::record::PcdDeserialize;
 
 use super::Error;
-use super::fast::{self, Layout, Records, Width};
 use super::raw::{Positions, Raw};
+use super::records::{self, Layout, Records, Width};
 
 /// LZF writes at most 264 bytes for 3: nothing grows by more.
 const LZF_GROWTH: u64 = 88;
@@ -24,7 +24,7 @@ pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<Raw, Error> {
     let count = check_size(&meta, &columns, data, path)?;
     let positions = match (meta.data, columns.layout) {
         _ if count == 0 => Positions::Single(Vec::new()),
-        (DataKind::Binary, Some(layout)) => fast::positions(data, layout, count),
+        (DataKind::Binary, Some(layout)) => records::positions(data, layout, count),
         _ => by_library(bytes, bytes.len() - data.len(), &columns, count, path)?,
     };
     described(positions, &meta, path)
@@ -109,7 +109,7 @@ fn check_size(meta: &PcdMeta, columns: &Columns, data: &[u8], path: &Path) -> Re
     match meta.data {
         DataKind::Binary => check_binary(meta, columns, data.len(), path),
         // A digit and a separator for each number; the last line may lack its separator.
-        DataKind::Ascii => fast::check_count(
+        DataKind::Ascii => records::check_count(
             claimed,
             columns.numbers.saturating_mul(2),
             data.len() + 1,
@@ -122,7 +122,7 @@ fn check_size(meta: &PcdMeta, columns: &Columns, data: &[u8], path: &Path) -> Re
 }
 
 fn check_binary(meta: &PcdMeta, columns: &Columns, available: usize, path: &Path) -> Result<usize, Error> {
-    fast::check_count(meta.num_points, columns.record, available, "points", "POINTS", path)
+    records::check_count(meta.num_points, columns.record, available, "points", "POINTS", path)
 }
 
 /// The two sizes before the compressed block, which the library trusts.
@@ -131,14 +131,14 @@ fn check_compressed(claimed: u64, record: u64, data: &[u8], path: &Path) -> Resu
     let Some((sizes, block)) = data.split_first_chunk::<8>() else {
         return match claimed {
             0 => Ok(0),
-            _ => fast::check_count(claimed, record, 0, "points", "POINTS", path),
+            _ => records::check_count(claimed, record, 0, "points", "POINTS", path),
         };
     };
     let [a, b, c, d, e, f, g, h] = *sizes;
     let compressed = u64::from(u32::from_le_bytes([a, b, c, d]));
     let unpacked = u64::from(u32::from_le_bytes([e, f, g, h]));
-    fast::check_count(compressed, 1, block.len(), "compressed bytes", place, path)?;
-    fast::check_count(unpacked, 1, (compressed * LZF_GROWTH) as usize, "unpacked bytes", place, path)?;
+    records::check_count(compressed, 1, block.len(), "compressed bytes", place, path)?;
+    records::check_count(unpacked, 1, (compressed * LZF_GROWTH) as usize, "unpacked bytes", place, path)?;
     if claimed.checked_mul(record) != Some(unpacked) {
         return Err(Error::malformed(
             path,

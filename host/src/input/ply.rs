@@ -12,9 +12,9 @@ use ply_rs_bw::ply::{
 };
 
 use super::Error;
-use super::fast::{self, Layout, Records, Width};
 use super::mesh;
 use super::raw::{Positions, Raw};
+use super::records::{self, Layout, Records, Width};
 use super::units::Unit;
 
 const EXPORT: &str = "Export the cloud again as PLY with x, y and z per vertex";
@@ -25,7 +25,7 @@ pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<Raw, Error> {
     let Begin { header, lines, bytes: begin, points, layout } = Begin::of(bytes, bytes.len(), path)?;
     let data = &bytes[begin..];
     let raw = match layout {
-        Some(layout) => Raw::from(fast::positions(data, layout, points)),
+        Some(layout) => Raw::from(records::positions(data, layout, points)),
         None if header.encoding == Encoding::Ascii => {
             from_rows(&ascii_rows(data, lines, &header, path)?, path)?
         }
@@ -104,7 +104,7 @@ fn check_elements(header: &Header, available: usize, path: &Path) -> Result<(), 
         let row = least_bytes(element, header.encoding);
         // The last line of a text may lack its end.
         let slack = usize::from(header.encoding == Encoding::Ascii);
-        fast::check_count(element.count as u64, row as u64, left + slack, "rows", place, path)?;
+        records::check_count(element.count as u64, row as u64, left + slack, "rows", place, path)?;
         left = left.saturating_sub(element.count * row);
     }
     Ok(())

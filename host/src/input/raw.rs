@@ -6,6 +6,7 @@ use nalgebra::{Point3, RealField, Vector3};
 use rayon::prelude::*;
 
 use super::Error;
+use super::extent::Extent;
 use super::units::Unit;
 use crate::geometry::grid::rows::SHARE;
 
@@ -27,17 +28,6 @@ pub(super) struct Raw {
     /// Where the file says that the camera stood (PCD `VIEWPOINT`), file units.
     pub viewpoint: Option<Vector3<f64>>,
     pub notes: Vec<String>,
-}
-
-/// Where a cloud lies and how large it is, in the unit of its file, not swayed by a few stray points.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct Extent {
-    /// Median of each coordinate.
-    pub middle: Vector3<f64>,
-    /// Diagonal of the box that holds the middle 98 % along each axis.
-    pub diagonal: f64,
-    /// Rough distance between neighbours: that of as many points spread over a square with this diagonal.
-    pub spacing: f64,
 }
 
 /// Coordinates beyond this, in any unit, are as unusable as an infinite one.

@@ -8,7 +8,7 @@ use std::path::Path;
 use nalgebra::Point3;
 
 use super::raw::Raw;
-use super::{Error, fast, mesh};
+use super::{Error, mesh, records};
 
 const HEADER: usize = 84;
 const FACET: usize = 50;
@@ -47,7 +47,7 @@ pub(super) fn parse(mut bytes: Vec<u8>, path: &Path) -> Result<Raw, Error> {
                 HELP,
             ));
         };
-        fast::check_count(count.into(), FACET as u64, bytes.len() - HEADER, "triangles", "byte 80", path)?;
+        records::check_count(count.into(), FACET as u64, bytes.len() - HEADER, "triangles", "byte 80", path)?;
         // The library would take a header that begins with `solid` for text.
         bytes[..5].fill(b' ');
         read_facets(&mut Cursor::new(bytes), &mut corners, path)?;

@@ -17,7 +17,7 @@ use serde::Serialize;
 use crate::files::File;
 use crate::input;
 use crate::lab::evaluation;
-use crate::lab::evaluation::{Options, PathSet, Score, Target, Truth, paper_rmse, score};
+use crate::lab::evaluation::{PathSet, Score, Target, Truth, paper_rmse, score};
 use crate::lab::simulation;
 use crate::lab::simulation::{Part, Request};
 use crate::output::csv;
@@ -31,7 +31,7 @@ use crate::run::postprocessing::postprocess;
 
 /// Where the pieces come from, and how often the run time is measured.
 #[derive(Debug, Clone)]
-pub struct Settings {
+pub struct Options {
     /// The folder `fixtures/` of the repository.
     pub fixtures: PathBuf,
     /// Runs per row of the run-time table; the paper's is 20.
@@ -129,7 +129,7 @@ struct Piece {
 }
 
 /// Measures everything; `begin` is told what is being done.
-pub fn measure(settings: &Settings, begin: &mut dyn FnMut(&str)) -> Result<Comparison, Error> {
+pub fn measure(settings: &Options, begin: &mut dyn FnMut(&str)) -> Result<Comparison, Error> {
     let home = tempfile::tempdir().map_err(Error::Temporary)?;
     let mut pieces = vec![
         fixture("cylinder (fixtures/pipe)", &settings.fixtures.join("pipe"))?,
@@ -189,7 +189,7 @@ fn mean_fitness(plan: &Plan) -> Vec<f64> {
 fn accuracy(piece: &Piece, plan: &Plan) -> Result<Accuracy, Error> {
     let output = postprocess(plan, &Job::default(), Source::default())?;
     let paths = PathSet::parse(csv::write(&output.paths).as_bytes(), Path::new("path.csv"))?;
-    let Score { rmse_mm, rmse_deg, .. } = score(&paths, &piece.truth, &Options::default());
+    let Score { rmse_mm, rmse_deg, .. } = score(&paths, &piece.truth, &evaluation::Options::default());
     let lines =
         plan.paths.iter().map(|path| path.points.iter().map(|p| p.position_mm.coords).collect::<Vec<_>>());
     let literal = |line: Vec<nalgebra::Vector3<f64>>| {

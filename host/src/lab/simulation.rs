@@ -6,6 +6,7 @@
 //! machine: random numbers are integer hashes, and sines and rotations are plain arithmetic.
 
 mod camera;
+mod capture;
 mod files;
 mod noise;
 mod placement;

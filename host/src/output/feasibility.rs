@@ -9,7 +9,7 @@ use crate::weld::program::Waypoint;
 
 /// `feasibility` in `summary.json`.
 #[derive(Debug, Serialize)]
-pub struct Section {
+pub struct FeasibilitySummary {
     robot: Option<String>,
     feasible: bool,
     least_limit_margin_deg: Option<f64>,
@@ -30,7 +30,7 @@ struct Row {
     worst: f64,
 }
 
-impl Section {
+impl FeasibilitySummary {
     /// Of a report.
     pub fn new(report: &Report) -> Self {
         let joints = || report.checks.iter().filter_map(|check| check.joints);

@@ -28,7 +28,7 @@ pub struct Summary {
     seams: Vec<SeamSummary>,
     coverage: Vec<Stretch>,
     stages: Vec<Stage>,
-    feasibility: Option<feasibility::Section>,
+    feasibility: Option<feasibility::FeasibilitySummary>,
     warnings: Vec<String>,
 }
 
@@ -134,7 +134,7 @@ impl Summary {
     /// The same with what became of the feasibility check, if there was one.
     #[must_use]
     pub fn with_feasibility(self, report: Option<&Report>) -> Self {
-        Self { feasibility: report.map(feasibility::Section::new), ..self }
+        Self { feasibility: report.map(feasibility::FeasibilitySummary::new), ..self }
     }
 
     /// What the user should know about the run; what concerns one seam stands there.

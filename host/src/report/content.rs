@@ -1,8 +1,9 @@
 //! The page's JSON and binary blocks. Schema: `docs/formats.md`.
 
+use super::colour;
 use super::histogram::Histogram;
 use super::points::{self, INTENSITY_FULL, Layer};
-use super::{Run, colour};
+use super::run::Run;
 use crate::output::summary::Summary;
 use crate::pipeline::Plan;
 use crate::run::job::MethodName;
@@ -26,7 +27,7 @@ pub(super) struct Scene {
     /// Of a ball about the centre that holds the seams and what is round them.
     pub(super) radius_mm: f64,
     pub(super) up: Vector3<f64>,
-    /// From the centre to where one looks from first: unit vector.
+    /// From the centre to the eye of the first view: unit vector.
     pub(super) eye: Vector3<f64>,
     /// Heights along `up` over the centre that the colours span.
     pub(super) heights_mm: [f64; 2],
@@ -193,7 +194,7 @@ fn seam_line(seam: &Seam) -> SeamLine {
     }
 }
 
-/// All moves; of a long seam every so many, its ends always.
+/// All moves. Of a long seam only an even share of its points, and always both ends.
 fn rows(waypoints: &[Waypoint]) -> Vec<Row> {
     let every = waypoints.len().div_ceil(WAYPOINTS).max(1);
     let inside = |i: usize| {

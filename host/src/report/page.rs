@@ -25,7 +25,7 @@ pub(super) fn page(title: &str, content: &str, bytes: &[u8]) -> String {
     ];
     let (mut page, mut rest) = (String::new(), TEMPLATE);
     for (slot, text) in parts {
-        // What has been put in is never searched for the next slot.
+        // The search for the next slot begins behind what was put in, so that data cannot contain a slot.
         if let Some((before, after)) = rest.split_once(slot) {
             page.push_str(before);
             page.push_str(&text);

@@ -4,10 +4,10 @@
 
 mod raster;
 
-use super::Run;
 use super::colour::{css, of_seam};
 use super::content::Scene;
 use super::page::html_text;
+use super::run::Run;
 use crate::seam::Seam;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -211,7 +211,7 @@ fn axes(text: &mut String, projection: &Projection) {
     for (name, axis, colour) in named {
         let v = projection.direction(&axis);
         let (end, beyond) = (origin + v * 26.0, origin + v * 35.0);
-        // An axis that points at the eye is no line.
+        // An axis along the line of sight has no length in the picture.
         if v.norm() > 0.15 {
             add(
                 text,

@@ -10,6 +10,14 @@ use serde::Serialize;
 /// Edge intensity that fills the byte; few corners reach it.
 pub(super) const INTENSITY_FULL: f32 = 0.5;
 /// Bytes of a point in both columns.
+/// `most` of `count` indices, or all; one from each of as many equal stretches, at a place that looks random: an even
+/// stride would draw stripes across the rows of a depth image.
+pub(super) fn even_sample(count: usize, most: usize) -> impl Iterator<Item = usize> {
+    let picks = count.min(most);
+    let begin = move |k: usize| (k as u64 * count as u64 / picks.max(1) as u64) as usize;
+    (0..picks).map(move |k| begin(k) + (k.wrapping_mul(2_654_435_761) >> 7) % (begin(k + 1) - begin(k)))
+}
+
 #[cfg(test)]
 const POINT_BYTES: usize = 12;
 /// A displacement of 0.

@@ -1,6 +1,6 @@
 //! The paper's intensity ratio, for its histogram: at a sample of the model's points, since a picture needs no more.
 
-use super::recording::even_sample;
+use super::points::even_sample;
 use crate::pipeline::Evidence;
 use crate::seam::INDEX_VOXELS;
 use nalgebra::Vector3;
@@ -9,7 +9,7 @@ use weldpath_core::seam::{Tensor, gradient};
 
 /// Points in the histogram.
 const SAMPLE: usize = 1000;
-/// They are taken so many side by side, which share most of their neighbours, and the gradients there.
+/// Points of the sample are taken in groups of neighbouring points, which share neighbours and gradients: this many in each.
 const CLUMP: usize = 16;
 
 /// `Tr³/Det` of about [`SAMPLE`] points.

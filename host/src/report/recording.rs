@@ -3,7 +3,7 @@
 //! Clouds are thinned to an even sample here, so that nothing large is kept.
 
 use super::histogram::Histogram;
-use super::points::{Frame, Sample};
+use super::points::{Frame, Sample, even_sample};
 use super::ratio;
 use crate::geometry::cloud::{Merged, PointCloud};
 use crate::geometry::grid::Grid;
@@ -17,7 +17,7 @@ const MODEL_POINTS: usize = 300_000;
 const RAW_POINTS: usize = 100_000;
 /// Distances to the nearest neighbour in the histogram of the spacing.
 const SPACING_SAMPLE: usize = 4000;
-/// A raw point has the normal and the intensity of the model's nearest point, within so many voxels.
+/// A raw point takes normal and intensity from the nearest point of the model within this distance, in voxels.
 const NEAR_VOXELS: f32 = 3.0;
 /// The frame of the points reaches beyond the model by this share of its diagonal.
 const MARGIN: f32 = 0.1;
@@ -91,14 +91,6 @@ impl Recording {
             spacing_mm: Histogram::of_lengths(spacings_mm(merged, index, voxels.edge_mm)),
         }
     }
-}
-
-/// `most` of `count` indices, or all; one from each of as many equal stretches, at a place that looks random: an even
-/// stride would draw stripes across the rows of a depth image.
-pub(super) fn even_sample(count: usize, most: usize) -> impl Iterator<Item = usize> {
-    let picks = count.min(most);
-    let begin = move |k: usize| (k as u64 * count as u64 / picks.max(1) as u64) as usize;
-    (0..picks).map(move |k| begin(k) + (k.wrapping_mul(2_654_435_761) >> 7) % (begin(k + 1) - begin(k)))
 }
 
 fn raw_samples(picks: &[usize], merged: &Merged, model: &[Sample], edge_mm: f32) -> Vec<Sample> {

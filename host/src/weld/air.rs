@@ -14,7 +14,7 @@ pub mod terrain;
 use nalgebra::{Point3, Unit, UnitQuaternion, UnitVector3, Vector3};
 
 use super::PathPoint;
-use super::program::Pass;
+use super::pass::Pass;
 use crossing::{Crossing, Stretches};
 use terrain::{Known, MARK_MM, Terrain, swept};
 

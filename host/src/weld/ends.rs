@@ -102,7 +102,7 @@ fn rounds(path: &SeamPath, from_mm: f64, to_mm: f64) -> Vec<PathPoint> {
     let last = path.points.len() - 1;
     let (first_mm, last_mm) = (path.points[0].s_mm, path.points[last].s_mm);
     let round_mm = (last_mm - first_mm).max(1e-3);
-    // Nobody welds more than a few rounds: the bound keeps a slip from filling the memory.
+    // A closed seam is welded a few rounds at most: the bound keeps a typing error from filling the memory.
     let earliest = ((from_mm - first_mm) / round_mm).floor().clamp(-8.0, 0.0) as i32;
     let latest = ((to_mm - last_mm) / round_mm).ceil().clamp(0.0, 8.0) as i32;
     let shifted = |round: i32| {

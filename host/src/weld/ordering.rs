@@ -187,7 +187,7 @@ fn searched(air: &AirWays) -> Vec<Turn> {
 
 /// Less than this is no improvement, mm.
 const GAIN_MM: f64 = 1e-6;
-/// Beyond so many seams more starts cost more than they bring.
+/// Largest number of starts of the local search: further ones cost more time than they save air moves.
 const MOST_STARTS: usize = 40;
 /// Most seams that are moved together.
 const MOST_MOVED: usize = 3;

@@ -3,9 +3,10 @@
 use nalgebra::{Point3, UnitQuaternion};
 use serde::{Deserialize, Serialize};
 
+use super::PathPoint;
 use super::air::terrain::Terrain;
 use super::air::{End, Surroundings};
-use super::{PathPoint, SeamPath};
+pub use super::pass::{Motion, Pass};
 
 /// What a move is for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -61,34 +62,6 @@ pub fn segments(waypoints: &[Waypoint]) -> impl Iterator<Item = Segment> + '_ {
     })
 }
 
-/// How the torch moves.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Motion {
-    /// Along the seam, mm/s.
-    pub feed_mm_s: f64,
-    /// From the approach to the seam, and off it, mm/s.
-    pub approach_feed_mm_s: f64,
-    /// In the air, mm/s.
-    pub air_feed_mm_s: f64,
-    /// Distance of the approach from the seam along the torch axis, mm.
-    pub approach_mm: f64,
-    /// Distance of the retract from the seam along the torch axis, mm.
-    pub retract_mm: f64,
-    /// How far the torch is lifted along its axis between the stitches of a seam, mm.
-    pub lift_mm: f64,
-    /// Between the scanned model and the air moves, mm.
-    pub clearance_mm: f64,
-}
-
-/// One run along a seam, and how the torch moves on it.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Pass {
-    /// Where the torch goes, and where the arc burns.
-    pub path: SeamPath,
-    /// How it moves.
-    pub motion: Motion,
-}
-
 /// All moves from the first approach to the last retract.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Program {
@@ -96,15 +69,6 @@ pub struct Program {
     pub waypoints: Vec<Waypoint>,
     /// Air moves that the scan leaves no room for, in words.
     pub warnings: Vec<String>,
-}
-
-impl Pass {
-    /// Its first and last point; none if fewer than two of them are welded: such a pass is left out.
-    pub fn ends(&self) -> Option<[&PathPoint; 2]> {
-        let [first, .., last] = self.path.points.as_slice() else { return None };
-        let welded = self.path.points.iter().filter(|point| point.process.weld).count();
-        (welded > 1).then_some([first, last])
-    }
 }
 
 /// Strings `passes` together in their order; a path with fewer than two welded points is left out.
@@ -151,7 +115,7 @@ impl Program {
             let way_mm = (here.position_mm - before.position_mm).norm();
             let most_mm_s = (way_mm * MOST_TURN_RAD_S / turn_rad.max(1e-9)).max(LEAST_FEED_MM_S);
             if !before.weld && !here.weld && most_mm_s < here.feed_mm_s {
-                // Whole, as every controller can be told.
+                // Whole mm/s, since some controllers take no fraction.
                 here.feed_mm_s = here.feed_mm_s.min(most_mm_s.floor());
             }
         }
@@ -259,6 +223,7 @@ const LEAST_FEED_MM_S: f64 = 1.0;
 
 #[cfg(test)]
 mod tests {
+    use super::super::SeamPath;
     use super::*;
     use crate::geometry::cloud::PointCloud;
     use crate::weld::Process;

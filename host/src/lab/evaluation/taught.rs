@@ -70,6 +70,16 @@ fn seam(name: String, taught: &[(Vector3<f64>, Matrix3<f64>)]) -> Result<TruthSe
     Ok(seam)
 }
 
+impl Truth {
+    /// Reads a `truth.json`, or a taught path (`.csv`, the columns of [`PathSet`] with an orientation), each of
+    /// whose seams then counts as visible and required all along.
+    pub fn read(path: &Path) -> Result<Self, Error> {
+        let bytes = std::fs::read(path).map_err(|source| Error::Read { path: path.into(), source })?;
+        let is_csv = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv"));
+        if is_csv { parse(&bytes, path) } else { Self::parse(&bytes, path) }
+    }
+}
+
 impl TruthSeam {
     /// Adds the station at `share` of the way from `a` to `b`.
     fn push(&mut self, a: &(Vector3<f64>, Matrix3<f64>), b: &(Vector3<f64>, Matrix3<f64>), share: f64) {

@@ -1,6 +1,6 @@
 //! The truth a path is measured against: every seam of a piece, in the base frame, in millimetres.
 
-use super::{Error, taught};
+use super::Error;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -83,14 +83,6 @@ pub struct TruthSeam {
 }
 
 impl Truth {
-    /// Reads a `truth.json`, or a taught path (`.csv`, the columns of [`super::PathSet`] with an orientation), each of
-    /// whose seams then counts as visible and required all along.
-    pub fn read(path: &Path) -> Result<Self, Error> {
-        let bytes = std::fs::read(path).map_err(|source| Error::Read { path: path.into(), source })?;
-        let is_csv = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv"));
-        if is_csv { taught::parse(&bytes, path) } else { Self::parse(&bytes, path) }
-    }
-
     /// A `truth.json` from bytes; `path` is for messages.
     pub fn parse(bytes: &[u8], path: &Path) -> Result<Self, Error> {
         let malformed = |place: String, reason: String| Error::Malformed { path: path.into(), place, reason };

@@ -2,11 +2,7 @@
 //!
 //! Depth is the coordinate along the optical axis, as in a depth image; x to the right, y down. Millimetres.
 
-use super::noise::{self, Noise};
-use super::random::Stream;
-use super::scene::Scene;
-use nalgebra::{Isometry3, Point3, Vector3};
-use rayon::prelude::*;
+use nalgebra::{Point3, Vector3};
 
 /// Pinhole camera without distortion.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -75,36 +71,6 @@ impl Camera {
             && (0.0..f64::from(self.height)).contains(&row);
         inside.then_some([column, row])
     }
-
-    /// One depth image of `scene` from `base_from_camera`. The same seed and view give the same image.
-    pub fn capture(
-        &self,
-        scene: &Scene,
-        base_from_camera: &Isometry3<f64>,
-        noise: Noise,
-        seed: u64,
-        view: u64,
-    ) -> DepthImage {
-        let seen = self.look(scene, base_from_camera, noise, &Stream::new(seed, "jitter", view));
-        noise::image(self, &seen, noise, seed, view)
-    }
-
-    /// First surfaces, each along a line of sight that is off by the lateral jitter of the sensor.
-    fn look(&self, scene: &Scene, pose: &Isometry3<f64>, noise: Noise, jitter: &Stream) -> Vec<Option<Seen>> {
-        let origin = Point3::from(pose.translation.vector);
-        let jitter_px = noise.model().jitter_rad * self.focal_px;
-        let width = self.width as usize;
-        let pixel = |i: usize| {
-            let mut random = jitter.at(i as u64);
-            let column = (i % width) as f64 + jitter_px * random.gaussian();
-            let row = (i / width) as f64 + jitter_px * random.gaussian();
-            let direction = pose.rotation * self.ray(column, row);
-            let hit = scene.cast(origin, direction)?;
-            let incidence = -hit.normal.dot(&direction) / direction.norm();
-            Some(Seen { depth_mm: hit.distance, incidence })
-        };
-        (0..width * self.height as usize).into_par_iter().map(pixel).collect()
-    }
 }
 
 impl DepthImage {
@@ -121,8 +87,11 @@ impl DepthImage {
 
 #[cfg(test)]
 mod tests {
+    use super::super::noise::Noise;
     use super::super::rotation::about;
+    use super::super::scene::Scene;
     use super::*;
+    use nalgebra::Isometry3;
 
     fn table(height_mm: f64) -> Scene {
         Scene::new(Vec::new(), height_mm)

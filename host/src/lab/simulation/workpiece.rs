@@ -50,7 +50,7 @@ pub(super) struct TrueStation {
 /// From where a piece is scanned.
 #[derive(Debug, Clone)]
 pub(super) enum Views {
-    /// All round at equal steps, beginning with this one; so many unless told otherwise.
+    /// All round at equal steps, beginning with this one; this many unless the request says otherwise.
     Ring(Viewpoint, usize),
     /// These, the most telling first.
     List(Vec<Viewpoint>),

@@ -26,7 +26,7 @@ pub(super) fn colours(model: &PointCloud, scene: &Scene) -> Vec<[f32; 3]> {
     let [low, high] = scene.heights_mm;
     let of = |i: usize| {
         let v = model.in_base_mm(i) - scene.centre_mm;
-        // What is not the work steps back, as on the page.
+        // Points beside the work are drawn paler, as on the page.
         let plain = 0.75 * ((v.norm() / scene.radius_mm - 1.1) / 0.4).clamp(0.0, 1.0);
         let [r, g, b] = on_ramp((scene.up.dot(&v) - low) / (high - low)).map(f64::from);
         [(r, 196.0), (g, 204.0), (b, 214.0)].map(|(c, grey)| ((1.0 - plain) * c + plain * grey) as f32)
@@ -63,7 +63,7 @@ impl Image {
     fn square(&mut self, [x, y]: [f64; 2], size: f64, toward_mm: f64, colour: [u8; 4]) {
         let pixels = size.round() as i64;
         let span = |c: f64, end: usize| {
-            // Rounded without a call: whatever is far outside becomes 0 or the end.
+            // Cast instead of `round`, which is a function call here; coordinates far outside saturate.
             let from = (c * FINE - 0.5 * size + 0.5 + OUTSIDE) as i64 - OUTSIDE as i64;
             let pixel = |at: i64| at.clamp(0, end as i64) as usize;
             pixel(from)..pixel(from + pixels)

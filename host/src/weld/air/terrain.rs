@@ -35,9 +35,9 @@ const CELLS_IN_REACH: f64 = 16.0;
 pub(super) const STEP_MM: f64 = 6.0;
 /// Radii are rounded up to multiples of this, so that few sizes are left.
 const RADIUS_STEP_MM: f64 = 2.0;
-/// A cell that was not seen is a gap in the scan if so many of its eight neighbours were.
+/// A cell that was not seen counts as a gap in the scan if at least this many of its eight neighbours were seen.
 const NEIGHBOURS_OF_GAP: usize = 6;
-/// Marks of [`Known`] are so close, mm: closer than cells.
+/// Distance between marks of [`Known`], mm: less than a cell.
 pub(super) const MARK_MM: f64 = 5.0;
 
 /// What the torch stays clear of between seams, and the way up.
@@ -212,7 +212,7 @@ impl Map {
         }
     }
 
-    /// Least distance across `up` of places in cells that are so many apart.
+    /// Least distance, across `up`, between places in cells this far apart.
     fn apart_mm(&self, cells: [usize; 2]) -> f64 {
         let [x, y] = cells.map(|count| count.saturating_sub(1) as f64);
         x.hypot(y) * self.cell_mm
@@ -341,7 +341,7 @@ impl Known {
             for k in 0..steps as usize {
                 let place = from_mm + (to_mm - from_mm) * (k as f64 / steps);
                 let (column, height_mm) = (map.column(&place), map.up.dot(&place.coords));
-                // Where a ball is, there is room for every smaller one.
+                // Where one ball fits, every smaller one fits.
                 for size in &mut self.0[..=smaller] {
                     size.entry(column).and_modify(|least| *least = least.min(height_mm)).or_insert(height_mm);
                 }

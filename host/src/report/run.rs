@@ -1,0 +1,16 @@
+//! One run of weldpath, as the page and the picture show it.
+
+use super::recording::Recording;
+use crate::pipeline::Plan;
+use crate::run::job::Job;
+use crate::run::postprocessing::Output;
+
+/// What the page and the picture are made from.
+#[derive(Clone, Copy)]
+pub(super) struct Run<'a> {
+    pub plan: &'a Plan,
+    pub output: &'a Output,
+    pub recording: &'a Recording,
+    pub job: &'a Job,
+    pub title: &'a str,
+}
