@@ -7,6 +7,7 @@ pub mod dimension;
 pub mod edges;
 pub mod expected;
 pub mod face;
+pub mod facets;
 pub mod fitup;
 pub mod joint;
 pub mod loops;
@@ -23,9 +24,10 @@ pub mod wedge;
 
 use crate::geometry::cloud::{Merged, PointCloud};
 use crate::geometry::grid::Grid;
+use crate::geometry::mesh::Mesh;
 use crate::model::downsampling::Voxels;
 use crate::model::reconstruction::Registration;
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -232,6 +234,16 @@ pub fn find(input: &Input, config: &Config) -> Found {
         _ => "there is no inside corner between two faces".into(),
     };
     found
+}
+
+/// Weldable seams of a mesh, from its facets; from the cloud on it only if that is a scan, drawn as a mesh.
+pub fn find_in_mesh(input: &Input, mesh: &Mesh, base_from_mesh: &Isometry3<f64>, config: &Config) -> Found {
+    let scores = edges::score(input.voxels, input.index, input.asymmetries);
+    let found = facets::find(mesh, base_from_mesh);
+    if found.seams.is_empty() && mesh.is_scan() {
+        return find(input, config);
+    }
+    Found { gate: scores.gate, intensity: scores.intensity, ..found }
 }
 
 /// Corners off the table strung together. A cropped cloud has no table in it: its lowest plane is part of the work.
