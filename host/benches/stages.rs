@@ -86,7 +86,14 @@ fn prepared(case: Case) -> Prepared {
 fn view(points_mm: Vec<Point3<f32>>) -> View {
     let camera = Isometry3::translation(250.0, 0.0, 600.0);
     let points_mm = points_mm.into_iter().map(|p| p - camera.translation.vector.cast::<f32>()).collect();
-    View { name: "view".into(), points_mm, normals: Vec::new(), base_from_camera: camera, camera_known: true }
+    View {
+        name: "view".into(),
+        points_mm,
+        normals: Vec::new(),
+        base_from_camera: camera,
+        camera_known: true,
+        mesh: None,
+    }
 }
 
 #[divan::bench(args = LINEAR)]
@@ -145,6 +152,7 @@ fn icp_of_two_views(bencher: Bencher, case: Case) {
         normals: Vec::new(),
         base_from_camera: Translation3::from(camera).into(),
         camera_known: true,
+        mesh: None,
     };
     let [first, second] = pair.cameras_mm;
     let views = [(pair.target, first), (pair.source, second)].map(seen);

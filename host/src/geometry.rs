@@ -3,6 +3,7 @@
 
 pub mod cloud;
 pub mod grid;
+pub mod mesh;
 pub mod plane;
 pub mod point_to_plane;
 pub mod polyline;

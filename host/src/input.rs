@@ -279,6 +279,7 @@ fn view_of(
         normals: Vec::new(),
         base_from_camera: translation(origin * mm_per_unit),
         camera_known: camera.is_some(),
+        mesh: None,
     }
 }
 

@@ -1,5 +1,6 @@
 //! Seams: what they are; finding them follows paper II-E, telling them apart and refining them is ours.
 
+pub mod facets;
 pub mod measure;
 pub mod refine;
 pub mod score;
@@ -12,9 +13,10 @@ use trace::{chain, corner, loops, splice, step, support};
 
 use crate::geometry::cloud::{Merged, PointCloud};
 use crate::geometry::grid::Grid;
+use crate::geometry::mesh::Mesh;
 use crate::model::downsampling::Voxels;
 use crate::model::reconstruction::Registration;
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -221,6 +223,16 @@ pub fn find(input: &Input, config: &Config) -> Found {
         _ => "there is no inside corner between two faces".into(),
     };
     found
+}
+
+/// Weldable seams of a mesh, from its facets; from the cloud on it only if that is a scan, drawn as a mesh.
+pub fn find_in_mesh(input: &Input, mesh: &Mesh, base_from_mesh: &Isometry3<f64>, config: &Config) -> Found {
+    let scores = edges::score(input.voxels, input.index, input.asymmetries);
+    let found = facets::find(mesh, base_from_mesh);
+    if found.seams.is_empty() && mesh.is_scan() {
+        return find(input, config);
+    }
+    Found { gate: scores.gate, intensity: scores.intensity, ..found }
 }
 
 /// Corners off the table strung together. A cropped cloud has no table in it: its lowest plane is part of the work.

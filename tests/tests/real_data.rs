@@ -214,6 +214,7 @@ fn lidar(path: &Path) -> View {
         normals: Vec::new(),
         base_from_camera: Isometry3::identity(),
         camera_known: true,
+        mesh: None,
         ..view
     }
 }

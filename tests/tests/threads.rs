@@ -44,6 +44,7 @@ fn so_is_a_lone_cloud_in_random_order_whose_camera_nobody_knows() {
         normals: Vec::new(),
         base_from_camera: Isometry3::identity(),
         camera_known: false,
+        mesh: None,
     };
     assert_same("butt joint", &[view]);
 }

@@ -271,6 +271,7 @@ fn seen_from(points: Vec<Point3<f32>>, camera_mm: &Value) -> View {
         normals: Vec::new(),
         base_from_camera: Translation3::from(camera_mm).into(),
         camera_known: true,
+        mesh: None,
     }
 }
 

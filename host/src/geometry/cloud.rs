@@ -1,7 +1,9 @@
 //! The one data type that flows through the pipeline: [`View`]s become a [`PointCloud`] and stay one until the seam.
 
+use crate::geometry::mesh::Mesh;
 use nalgebra::{Isometry3, Point3, Vector3};
 use rayon::prelude::*;
+use std::sync::Arc;
 
 /// What the camera saw from one pose.
 #[derive(Debug, Clone)]
@@ -17,6 +19,8 @@ pub struct View {
     pub base_from_camera: Isometry3<f64>,
     /// Whether the camera stood at the origin of the view's frame. Not so for meshes and clouds of unknown origin.
     pub camera_known: bool,
+    /// The mesh that the points were spread over, in the view's own frame.
+    pub mesh: Option<Arc<Mesh>>,
 }
 
 impl View {

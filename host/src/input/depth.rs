@@ -131,6 +131,7 @@ pub(super) fn read_single(bytes: &[u8], path: &Path) -> Result<Scan, Error> {
         normals: Vec::new(),
         base_from_camera: Isometry3::identity(),
         camera_known: true,
+        mesh: None,
     };
     Ok(Scan {
         views: vec![view],

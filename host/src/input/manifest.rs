@@ -244,7 +244,7 @@ impl Job<'_> {
         let points_mm = depth::points_mm(&read_file(&file)?, camera, &file)?;
         let name = name_of(&file);
         Ok((
-            View { name, points_mm, normals: Vec::new(), base_from_camera, camera_known: true },
+            View { name, points_mm, normals: Vec::new(), base_from_camera, camera_known: true, mesh: None },
             file,
             Vec::new(),
         ))

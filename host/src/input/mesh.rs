@@ -4,6 +4,7 @@
 //! cloud and no clump is mistaken for an edge.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use nalgebra::{Point3, Vector3};
 
@@ -11,6 +12,7 @@ use super::extent::Extent;
 use super::raw::{FARTHEST, Positions, Raw};
 use super::{Error, name_of, translation, whole_mm};
 use crate::geometry::cloud::View;
+use crate::geometry::mesh::Mesh;
 
 /// Points that a mesh becomes at most: somewhat more than one VGA depth image.
 const MOST_POINTS: f64 = 400_000.0;
@@ -130,7 +132,28 @@ pub(super) fn sample(
         .push(format!("mesh of {} triangles sampled to {count} points, {spacing:.3} mm apart", facets.len()));
     let (points_mm, normals) = spread(&facets, area, count);
     let base_from_camera = translation(origin * mm_per_unit);
-    Ok(View { name: name_of(path), points_mm, normals, base_from_camera, camera_known: false })
+    let mesh = exact(raw, origin, mm_per_unit).map(Arc::new);
+    Ok(View { name: name_of(path), points_mm, normals, base_from_camera, camera_known: false, mesh })
+}
+
+/// The mesh itself, relative to `origin`.
+fn exact(raw: &Raw, origin: Vector3<f64>, mm_per_unit: f64) -> Option<Mesh> {
+    let used = |t: &[usize; 3]| t.iter().all(|&i| raw.positions.at(i).iter().all(|c| c.abs() <= FARTHEST));
+    let triangles: Vec<[usize; 3]> = raw.triangles.iter().copied().filter(used).collect();
+    let mut largest = 0.0_f64;
+    let mut corner = |i: usize| {
+        let at = raw.positions.at(i);
+        // Corners that no facet uses may be anything.
+        if at.iter().any(|c| c.is_nan() || c.abs() > FARTHEST) {
+            return Point3::origin();
+        }
+        largest = at.amax().max(largest);
+        Point3::from((at - origin) * mm_per_unit)
+    };
+    let corners: Vec<Point3<f64>> = (0..raw.positions.len()).map(&mut corner).collect();
+    // STL and most PLY hold single precision, whatever they are read into.
+    let rounding_mm = largest * f64::from(f32::EPSILON) * mm_per_unit;
+    Mesh::weld(&corners, &triangles, rounding_mm)
 }
 
 fn facet(raw: &Raw, corners: [usize; 3], origin: Vector3<f64>, mm_per_unit: f64) -> Option<Facet> {

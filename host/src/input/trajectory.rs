@@ -134,7 +134,14 @@ fn check_direction(views: &[View], file: &Path) -> Result<(), Error> {
 
 fn view(image: &Path, camera: &Camera, base_from_camera: Isometry3<f64>) -> Result<View, Error> {
     let points_mm = depth::points_mm(&read_file(image)?, camera, image)?;
-    Ok(View { name: name_of(image), points_mm, normals: Vec::new(), base_from_camera, camera_known: true })
+    Ok(View {
+        name: name_of(image),
+        points_mm,
+        normals: Vec::new(),
+        base_from_camera,
+        camera_known: true,
+        mesh: None,
+    })
 }
 
 /// Files of a folder with one of these extensions, in the order of their names.

@@ -205,7 +205,14 @@ mod tests {
             points_mm.push(pose.inverse_transform_point(&p.cast()).cast());
         }
         let base_from_camera = error * pose;
-        View { name: name.into(), points_mm, normals: vec![], base_from_camera, camera_known: true }
+        View {
+            name: name.into(),
+            points_mm,
+            normals: vec![],
+            base_from_camera,
+            camera_known: true,
+            mesh: None,
+        }
     }
 
     fn good_views() -> Vec<View> {

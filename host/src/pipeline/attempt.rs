@@ -3,12 +3,14 @@
 use super::{Clock, Config, Error, Method, Observer, no_seam};
 use crate::geometry::cloud::{Merged, PointCloud, View};
 use crate::geometry::grid::Grid;
+use crate::geometry::mesh::Mesh;
 use crate::model::downsampling;
 use crate::model::downsampling::{Scale, Voxels};
 use crate::model::reconstruction::Registration;
 use crate::model::{denoising, orientation};
 use crate::seam::score::edges;
 use crate::seam::{self, Found, Input, Seam, Trial};
+use nalgebra::Isometry3;
 
 /// Registered views, in which seams are sought.
 pub(super) struct Scan<'a> {
@@ -23,6 +25,12 @@ pub(super) struct Scan<'a> {
 impl Scan<'_> {
     pub(super) fn cameras_known(&self) -> bool {
         self.views.iter().all(|view| view.camera_known)
+    }
+
+    /// The mesh that is the scan, and its pose.
+    fn mesh(&self) -> Option<(&Mesh, &Isometry3<f64>)> {
+        let [view] = self.views else { return None };
+        Some((view.mesh.as_deref()?, self.registration.base_from_camera.first()?))
     }
 
     /// Tries larger voxels than `first` until seams show; the attempt with clearly the most of them.
@@ -104,7 +112,10 @@ impl Scan<'_> {
             trial,
         };
         let found = clock.time("seam", || match self.config.method {
-            Method::Weldpath => seam::find(&input, &self.config.seam),
+            Method::Weldpath => match self.mesh() {
+                Some((mesh, pose)) => seam::find_in_mesh(&input, mesh, pose, &self.config.seam),
+                None => seam::find(&input, &self.config.seam),
+            },
             Method::Paper { ratio_threshold } => seam::score::paper::find(&input, ratio_threshold),
         });
         Ok(Attempt { scale: *scale, voxels, model, index, found })
@@ -113,6 +124,9 @@ impl Scan<'_> {
     /// Whether larger voxels have nothing to add. Views that show a whole scene without a seam at their own scale
     /// show none.
     fn settles(&self, attempt: &Attempt) -> bool {
+        if self.config.method == Method::Weldpath && self.mesh().is_some() {
+            return true;
+        }
         if attempt.found.seams.is_empty() {
             self.views.len() > 1 && self.cameras_known()
         } else {
