@@ -140,7 +140,7 @@ fn normals_of_points(bencher: Bencher, case: Case) {
 #[divan::bench(args = CASES)]
 fn normals_of_a_view(bencher: Bencher, case: Case) {
     let view = view(clouds::butt_joint(case.0));
-    run(bencher, case, || normals::estimate(&view, &normals::Config::default()));
+    run(bencher, case, || normals::estimate(&view, &normals::NormalsConfig::default()));
 }
 
 #[divan::bench(args = CASES)]
@@ -156,8 +156,8 @@ fn icp_of_two_views(bencher: Bencher, case: Case) {
     };
     let [first, second] = pair.cameras_mm;
     let views = [(pair.target, first), (pair.source, second)].map(seen);
-    let patches = normals::of_views(&views, &normals::Config::default());
-    let config = reconstruction::Config { prior_mm: f64::INFINITY, ..Default::default() };
+    let patches = normals::of_views(&views, &normals::NormalsConfig::default());
+    let config = reconstruction::ReconstructionConfig { prior_mm: f64::INFINITY, ..Default::default() };
     run(bencher, case, || register(&views, &patches, &config));
 }
 
@@ -166,7 +166,7 @@ fn bilateral_filter(bencher: Bencher, case: Case) {
     let Prepared { points, radius_mm, .. } = prepared(case);
     let normals = vec![Vector3::z(); points.len()];
     let cloud = PointCloud { points_mm: points, normals, ..PointCloud::default() };
-    let config = denoising::Config { radius_mm, distance_mm: 0.5 * radius_mm, height_mm: 0.6 };
+    let config = denoising::BilateralConfig { radius_mm, distance_mm: 0.5 * radius_mm, height_mm: 0.6 };
     run(bencher, case, || bilateral(&cloud, &config));
 }
 
@@ -190,26 +190,25 @@ fn edge_score(bencher: Bencher, case: Case) {
 fn seam(bencher: Bencher, case: Case) {
     let views = [view(clouds::butt_joint(case.0))];
     let merged = Merged::new(&views, &[views[0].base_from_camera]);
-    let patches = normals::of_views(&views, &normals::Config::default());
-    let scale = downsampling::Scale::of(&merged, &patches, &downsampling::Config::default());
+    let patches = normals::of_views(&views, &normals::NormalsConfig::default());
+    let scale = downsampling::Scale::of(&merged, &patches, &downsampling::VoxelConfig::default());
     let voxels = voxel_grid(&merged, scale.edge_mm, scale.least);
     let model = bilateral(&voxels.cloud, &scale.bilateral());
     let raw = Grid::new(&merged.points_mm, pipeline::RAW_CELL_MM);
     let reach_mm = seam::INDEX_VOXELS * scale.edge_mm;
     let index = Grid::new(&model.points_mm, reach_mm);
-    let input = seam::Input {
+    let scan = seam::RawScan {
         merged: &merged,
-        raw: &raw,
-        voxels: &voxels,
-        model: &model,
-        index: &index,
-        asymmetries: &edges::asymmetries(&index, reach_mm),
+        index: &raw,
         registration: None,
-        names: vec!["view"],
+        view_names: vec!["view"],
         cameras_known: true,
-        trial: seam::Trial { coarser: false, last: false },
     };
-    run(bencher, case, || seam::find(&input, &Default::default()).seams);
+    let asymmetries = edges::asymmetries(&index, reach_mm);
+    let model =
+        seam::SurfaceModel { voxels: &voxels, cloud: &model, index: &index, asymmetries: &asymmetries };
+    let input = seam::Input { scan, model, cues: seam::Cues::default() };
+    run(bencher, case, || seam::extraction::find(&input, &Default::default()).seams);
 }
 
 #[divan::bench(args = CASES)]

@@ -15,7 +15,7 @@
 //!          |   model::downsampling, model::denoising   II-D, eqs. (9)-(10) |
 //!          v                                                               |
 //!  PointCloud                                                              |
-//!          |   seam::find                              II-E, eqs. (11)-(17)|
+//!          |   seam::extraction::find                  II-E, eqs. (11)-(17)|
 //!          v                                                               |
 //!  Seam, one per joint                                                     |
 //!          |   weld::SeamPath::along                   II-F                |

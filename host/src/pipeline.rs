@@ -1,16 +1,18 @@
 //! The method on one page: the paper's Fig. 1 from views to torch paths.
 
-mod attempt;
+mod scale_search;
 
-use self::attempt::{Attempt, Scan};
+use self::scale_search::{Model, ScaleResult, ScaleSearch};
 use crate::geometry::cloud::{Merged, PointCloud, View};
 use crate::geometry::grid::Grid;
 use crate::model::downsampling::Voxels;
+use crate::model::downsampling::{DISTANCE_VOXELS, HEIGHT_NOISES, RADIUS_VOXELS};
 pub use crate::model::reconstruction::ViewReport;
 use crate::model::{downsampling, normals, reconstruction};
-use crate::seam;
 use crate::seam::Seam;
+use crate::seam::extraction::SeamConfig;
 use crate::seam::measure::coverage;
+use crate::seam::score::edges;
 use crate::weld::SeamPath;
 use std::time::Instant;
 
@@ -34,13 +36,13 @@ pub struct Config {
     /// How seams are found.
     pub method: Method,
     /// Normals per view.
-    pub normals: normals::Config,
+    pub normals: normals::NormalsConfig,
     /// Registration of the views.
-    pub reconstruction: reconstruction::Config,
+    pub reconstruction: reconstruction::ReconstructionConfig,
     /// Voxel grid.
-    pub downsampling: downsampling::Config,
+    pub downsampling: downsampling::VoxelConfig,
     /// Seams and their refinement.
-    pub seam: seam::Config,
+    pub seam: SeamConfig,
 }
 
 /// What [`plan`] found.
@@ -72,12 +74,12 @@ pub struct Derived {
     /// Its value.
     pub value: f64,
     /// How it was derived, in words.
-    pub how: &'static str,
+    pub how: String,
 }
 
 /// Why there is no plan.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum Error {
+pub enum PlanError {
     /// Nothing weldable in view; the reason says what was seen instead.
     #[error("no seam found: {reason}")]
     NoSeam {
@@ -139,49 +141,42 @@ pub const RAW_CELL_MM: f32 = 5.0;
 /// assert!(planned.unwrap_err().to_string().starts_with("no seam found: "));
 /// # Ok::<(), input::Error>(())
 /// ```
-pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Result<Plan, Error> {
+pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Result<Plan, PlanError> {
     let mut clock = Clock::default();
-    observer.stage("normals");
-    let patches = clock.time("normals", || normals::of_views(views, &config.normals));
-    observer.stage("reconstruction");
+    let patches = clock.stage("normals", observer, || normals::of_views(views, &config.normals));
     let register = match config.method {
         Method::Weldpath => reconstruction::register,
         Method::Paper { .. } => reconstruction::chain::register,
     };
-    let registration = clock.time("reconstruction", || register(views, &patches, &config.reconstruction));
+    let register = || register(views, &patches, &config.reconstruction);
+    let registration = clock.stage("reconstruction", observer, register);
     let merged = clock.time("merge", || Merged::new(views, &registration.base_from_camera));
     let raw = clock.time("index", || Grid::new(&merged.points_mm, RAW_CELL_MM));
     let first = downsampling::Scale::of(&merged, &patches, &config.downsampling);
-    let scan = Scan { views, merged: &merged, raw: &raw, registration: &registration, config };
-    let Attempt { scale, voxels, model, index, found } = scan.best_attempt(&first, &mut clock, observer)?;
+    let search = ScaleSearch { views, merged: &merged, raw: &raw, registration: &registration, config };
+    let ScaleResult { scale, model, found } = search.best(&first, &mut clock, observer)?;
+    let Model { voxels, cloud, index, .. } = &model;
     let intensity = &found.intensity;
-    observer.evidence(&Evidence {
-        merged: &merged,
-        raw: &raw,
-        voxels: &voxels,
-        model: &model,
-        index: &index,
-        intensity,
-    });
+    observer.evidence(&Evidence { merged: &merged, raw: &raw, voxels, model: cloud, index, intensity });
     if found.seams.is_empty() {
         return Err(no_seam(found.reason));
     }
-    observer.stage("toolpath");
-    let paths = clock.time("toolpath", || found.seams.iter().map(SeamPath::along).collect());
-    let coverage =
-        clock.time("coverage", || coverage::gaps(&found.seams, &merged, &raw, scan.cameras_known()));
+    let along = || found.seams.iter().map(SeamPath::along).collect();
+    let paths = clock.stage("toolpath", observer, along);
+    let gaps = || coverage::gaps(&found.seams, &merged, &raw, search.cameras_known());
+    let coverage = clock.time("coverage", gaps);
     let reports = if views.len() > 1 { registration.report(views) } else { Vec::new() };
     let mut warnings = registration.warnings(views, &patches);
     warnings.extend(found.warnings);
     warnings.extend(coverage.iter().map(coverage::Gap::words));
     let derived = derived(&scale, found.gate);
     let (seams, stage_s) = (found.seams, clock.stages);
-    Ok(Plan { model, seams, paths, coverage, views: reports, derived, stage_s, warnings })
+    Ok(Plan { model: model.cloud, seams, paths, coverage, views: reports, derived, stage_s, warnings })
 }
 
 /// The sizes that were derived from the data, for the summary.
 fn derived(scale: &downsampling::Scale, gate: f32) -> Vec<Derived> {
-    let row = |name, value: f32, how| Derived { name, value: f64::from(value), how };
+    let row = |name, value: f32, how: &str| Derived { name, value: f64::from(value), how: how.into() };
     let filter = scale.bilateral();
     vec![
         row("spacing_mm", scale.spacing_mm, "mean distance to the nearest neighbour within a view"),
@@ -192,15 +187,15 @@ fn derived(scale: &downsampling::Scale, gate: f32) -> Vec<Derived> {
         ),
         row("voxel_mm", scale.edge_mm, scale.how),
         row("voxel_points", scale.least as f32, "points a voxel must hold, from the usual number"),
-        row("bilateral_radius_mm", filter.radius_mm, "3 voxels"),
-        row("bilateral_distance_mm", filter.distance_mm, "1.5 voxels"),
-        row("bilateral_height_mm", filter.height_mm, "1.7 x noise"),
-        row("intensity_gate", gate, "1.8 x median intensity, between 0.10 and 0.13"),
+        row("bilateral_radius_mm", filter.radius_mm, &format!("{RADIUS_VOXELS} voxels")),
+        row("bilateral_distance_mm", filter.distance_mm, &format!("{DISTANCE_VOXELS} voxels")),
+        row("bilateral_height_mm", filter.height_mm, &format!("{HEIGHT_NOISES} x noise")),
+        row("intensity_gate", gate, &edges::gate_in_words()),
     ]
 }
 
-fn no_seam(reason: String) -> Error {
-    Error::NoSeam { reason }
+fn no_seam(reason: String) -> PlanError {
+    PlanError::NoSeam { reason }
 }
 
 /// Wall time of each stage.
@@ -210,6 +205,12 @@ struct Clock {
 }
 
 impl Clock {
+    /// Does the work of a stage, and tells the observer before.
+    fn stage<T>(&mut self, name: &'static str, observer: &mut impl Observer, work: impl FnOnce() -> T) -> T {
+        observer.stage(name);
+        self.time(name, work)
+    }
+
     fn time<T>(&mut self, stage: &'static str, work: impl FnOnce() -> T) -> T {
         let begin = Instant::now();
         let done = work();

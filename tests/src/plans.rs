@@ -58,7 +58,7 @@ pub fn corner_of_plates(bent: bool) -> Plan {
 
 fn of_paths(paths: Vec<SeamPath>) -> Plan {
     let seams = paths.iter().map(seam).collect();
-    let derived = vec![Derived { name: "voxel_mm", value: 0.8, how: "twice the mean spacing" }];
+    let derived = vec![Derived { name: "voxel_mm", value: 0.8, how: "twice the mean spacing".into() }];
     Plan {
         model: model(),
         seams,

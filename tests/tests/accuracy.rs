@@ -68,7 +68,7 @@ const MISSED: &[(&str, &str, f64, &str)] = &[(
 )];
 
 /// Plans a folder with `scan.json` as the command does without any option.
-fn plan(folder: &Path) -> Result<Plan, pipeline::Error> {
+fn plan(folder: &Path) -> Result<Plan, pipeline::PlanError> {
     let scan = input::read(folder, &input::Options::default()).unwrap_or_else(|error| panic!("{error}"));
     pipeline::plan(&scan.views, &Job::default().pipeline(), &mut ())
 }
@@ -182,7 +182,7 @@ fn webs_that_cross_end_each_others_seams() {
 #[test]
 fn a_plate_alone_has_no_seam() {
     let plate = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fixtures/plate");
-    assert!(matches!(plan(&plate), Err(pipeline::Error::NoSeam { .. })));
+    assert!(matches!(plan(&plate), Err(pipeline::PlanError::NoSeam { .. })));
 }
 
 #[test]

@@ -442,3 +442,89 @@ fn core_is_built_from_the_same_versions_for_host_and_firmware() {
     let different: Vec<_> = on_board.iter().filter(differ).collect();
     assert!(different.is_empty(), "locked otherwise in Cargo.lock: {different:?}");
 }
+
+/// A function as it is written: how long it is and how much it must be told.
+#[derive(Debug, PartialEq)]
+struct Written {
+    name: String,
+    lines: usize,
+    parameters: usize,
+}
+
+/// All functions of some code that have a body, nested ones too.
+fn functions(code: &str) -> Vec<Written> {
+    let is_word = |c: char| c.is_alphanumeric() || c == '_';
+    let begins = code.match_indices("fn ").filter(|(at, _)| !code[..*at].ends_with(is_word));
+    let written = |(at, _): (usize, &str)| {
+        let rest = &code[at + 3..];
+        let name: String = rest.chars().take_while(|c| is_word(*c)).collect();
+        let open = name.len() + rest[name.len()..].find('(')?;
+        let list = enclosed(&rest[open..])?;
+        let after = &rest[open + list.len() + 2..];
+        let body = after.find('{').filter(|body| after.find(';').is_none_or(|end| *body < end))?;
+        let length = body + enclosed(&after[body..])?.len() + 2;
+        let text = &rest[..open + list.len() + 2 + length];
+        let parameters = at_top_level(list).filter(|part| !part.trim().is_empty()).count();
+        (!name.is_empty()).then(|| Written { name, lines: text.lines().count(), parameters })
+    };
+    begins.filter_map(written).collect()
+}
+
+/// How a character moves the depth of brackets, an arrow's head apart.
+fn deeper(before: char, c: char) -> i32 {
+    match c {
+        '(' | '[' | '{' | '<' => 1,
+        '>' if before == '-' || before == '=' => 0,
+        ')' | ']' | '}' | '>' => -1,
+        _ => 0,
+    }
+}
+
+/// What stands between the bracket at the beginning, round or curly, and the one that closes it.
+fn enclosed(text: &str) -> Option<&str> {
+    let (open, close) = if text.starts_with('(') { ('(', ')') } else { ('{', '}') };
+    let mut depth = 0_i32;
+    let end = text.find(|c| {
+        depth += i32::from(c == open) - i32::from(c == close);
+        depth == 0
+    })?;
+    Some(&text[1..end])
+}
+
+/// The parts of a list between commas that no bracket encloses.
+fn at_top_level(list: &str) -> impl Iterator<Item = &str> {
+    let (mut depth, mut before) = (0_i32, ' ');
+    list.split(move |c| {
+        depth += deeper(before, c);
+        before = c;
+        c == ',' && depth == 0
+    })
+}
+
+#[test]
+fn functions_are_read_with_their_lines_and_parameters() {
+    let code = "pub fn a(x: (u8, u8), f: impl Fn(u8, u8) -> bool, m: BTreeMap<u8, u8>,) -> u8 {\n    1\n}\ntrait T {\n    \
+                fn b(&self);\n    fn c<T: Into<u8>>(&self) { {} }\n}\n";
+    let written = |name: &str, lines, parameters| Written { name: name.into(), lines, parameters };
+    assert_eq!(functions(code), [written("a", 3, 3), written("c", 1, 1)]);
+}
+
+#[test]
+fn no_function_of_the_method_is_long_or_asks_for_much() {
+    const MOST_LINES: usize = 60;
+    const MOST_PARAMETERS: usize = 6;
+    let src = root().join("host/src");
+    let rooms = ["seam", "pipeline", "model", "geometry"];
+    let of_method = |path: &PathBuf| {
+        path.strip_prefix(&src).is_ok_and(|path| rooms.iter().any(|room| in_room(path, room)))
+    };
+    let mut read = 0;
+    for path in sources("host/src").iter().filter(|path| of_method(path)) {
+        for function in functions(&code(path)) {
+            let fits = function.lines <= MOST_LINES && function.parameters <= MOST_PARAMETERS;
+            assert!(fits, "{}: {function:?}", path.display());
+            read += 1;
+        }
+    }
+    assert!(read > 300, "only {read} functions were read");
+}

@@ -8,7 +8,7 @@ use std::process::Command;
 use nalgebra::{Isometry3, Vector3};
 use weldpath::geometry::cloud::{PointCloud, View};
 use weldpath::geometry::grid::Grid;
-use weldpath::model::denoising::{Config, bilateral};
+use weldpath::model::denoising::{BilateralConfig, bilateral};
 use weldpath::pipeline;
 use weldpath::seam::score::edges;
 
@@ -100,7 +100,7 @@ fn edge_scores() {
 #[ignore = "counted by another test"]
 fn bilateral_filter() {
     let (cloud, radius_mm) = prepared();
-    let config = Config { radius_mm, distance_mm: radius_mm / 3.0, height_mm: 0.6 };
+    let config = BilateralConfig { radius_mm, distance_mm: radius_mm / 3.0, height_mm: 0.6 };
     assert_eq!(bilateral(&cloud, &config).len(), POINTS);
 }
 
@@ -111,6 +111,7 @@ fn whole_plan() {
     let camera = Isometry3::translation(250.0, 0.0, 600.0);
     let seen = cloud.points_mm.iter().map(|p| p - camera.translation.vector.cast::<f32>()).collect();
     let view = View {
+        mesh: None,
         name: "view".into(),
         points_mm: seen,
         normals: Vec::new(),

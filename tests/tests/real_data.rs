@@ -11,7 +11,7 @@ use weldpath::input;
 use weldpath::input::{Scan, Units};
 use weldpath::model::reconstruction::pair;
 use weldpath::model::{normals, reconstruction};
-use weldpath::pipeline::{self, Error, Plan};
+use weldpath::pipeline::{self, Plan, PlanError};
 use weldpath::run::job::Job;
 use weldpath_tests::shared_data;
 
@@ -28,7 +28,7 @@ fn read(path: &Path, units: Units) -> Scan {
     input::read(path, &input::Options { units }).unwrap_or_else(|error| panic!("{error}"))
 }
 
-fn plan(path: &Path) -> Result<Plan, Error> {
+fn plan(path: &Path) -> Result<Plan, PlanError> {
     pipeline::plan(&read(path, Units::Auto).views, &Job::default().pipeline(), &mut ())
 }
 
@@ -73,7 +73,7 @@ fn every_cloud_mesh_and_frame_has_seams_or_a_reason_for_none() {
                 assert!(!plan.seams.is_empty() && plan.paths.len() == plan.seams.len(), "{name}");
                 (plan.seams.len(), lengths.join(", "))
             }
-            Err(error @ Error::NoSeam { .. }) => (0, error.to_string()),
+            Err(error @ PlanError::NoSeam { .. }) => (0, error.to_string()),
         };
         println!("{name}: {said}");
         wrong.extend(hold(&name, !(seamless && seams > 0), &said));
@@ -243,10 +243,10 @@ fn a_lidar_pair_is_aligned_to_its_shipped_transform() {
     let data = shared_data("real/koide3+small_gicp/data");
     let views = [lidar(&data.join("target.ply")), lidar(&data.join("source.ply"))];
     // A lidar's range is as good at grazing incidence; 15 spacings are the quarter of a metre that is usual for such scans.
-    let config = normals::Config { cell_spacings: 15.0, min_incidence_cos: 0.0, ..Default::default() };
+    let config = normals::NormalsConfig { cell_spacings: 15.0, min_incidence_cos: 0.0, ..Default::default() };
     let patches = normals::of_views(&views, &config);
     let cell_mm = patches[0].cell_mm;
-    let config = pair::Config { gates_mm: vec![4.0 * cell_mm, cell_mm], ..Default::default() };
+    let config = pair::PairConfig { gates_mm: vec![4.0 * cell_mm, cell_mm], ..Default::default() };
     let start = Isometry3::identity();
     let found = pair::align(&patches[1].cloud, &patches[0].cloud, &start, &config);
     let (off_deg, off_mm) = apart(&small_gicp_transform(&data), &found.target_from_source);
@@ -259,15 +259,15 @@ fn a_lidar_pair_is_aligned_to_its_shipped_transform() {
 fn views_of_a_lidar_are_registered_without_any_prior() {
     let data = shared_data("real/koide3+small_gicp/data");
     let views = [lidar(&data.join("target.ply")), lidar(&data.join("source.ply"))];
-    let patches = normals::of_views(&views, &normals::Config::default());
+    let patches = normals::of_views(&views, &normals::NormalsConfig::default());
     let cell_mm = patches[0].cell_mm;
-    let config = reconstruction::Config {
+    let config = reconstruction::ReconstructionConfig {
         gates_mm: [8.0, 4.0, 2.0].map(|cells| cells * cell_mm).to_vec(),
         prior_mm: f64::INFINITY,
         prior_rad: f64::INFINITY,
         fitness_mm: cell_mm,
         iterations: 30,
-        ..reconstruction::Config::default()
+        ..reconstruction::ReconstructionConfig::default()
     };
     let found = reconstruction::register(&views, &patches, &config).base_from_camera[1];
     let (off_deg, off_mm) = apart(&small_gicp_transform(&data), &found);
@@ -322,7 +322,7 @@ fn two_views_of_the_y_shaped_piece_are_registered_from_their_stored_poses() {
     let manifest = serde_json::json!({ "units": "m", "views": views }).to_string();
     std::fs::write(scan.path().join("scan.json"), manifest).expect("scan.json");
     let views = read(scan.path(), Units::Auto).views;
-    let patches = normals::of_views(&views, &normals::Config::default());
+    let patches = normals::of_views(&views, &normals::NormalsConfig::default());
     let registered = reconstruction::register(&views, &patches, &Job::default().pipeline().reconstruction);
     let placed = |pose: &[Isometry3<f64>], k: usize, every: usize| -> Vec<Point3<f64>> {
         views[k].points_mm.iter().step_by(every).map(|p| pose[k] * p.cast::<f64>()).collect()

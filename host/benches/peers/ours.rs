@@ -175,7 +175,7 @@ fn linear(dir: &Path, cloud: &[Point3<f32>], radius_mm: f32) {
     stage("normals", points, normals, |found| json!({ "plate_error_deg": plate_error_deg(cloud, found) }));
     let normals = vec![Vector3::z(); points];
     let model = PointCloud { points_mm: cloud.to_vec(), normals, ..PointCloud::default() };
-    let config = denoising::Config { radius_mm, distance_mm: radius_mm / 2.0, height_mm: 0.6 };
+    let config = denoising::BilateralConfig { radius_mm, distance_mm: radius_mm / 2.0, height_mm: 0.6 };
     let roughness = |c: &PointCloud| json!({ "plate_rms_mm": plate_rms_mm(cloud, &c.points_mm) });
     stage("bilateral", points, || bilateral(&model, &config), roughness);
     let intensity = || edges::asymmetries(&Grid::new(cloud, radius_mm), radius_mm);
@@ -186,7 +186,7 @@ fn linear(dir: &Path, cloud: &[Point3<f32>], radius_mm: f32) {
 fn bilateral_of_thinned(dir: &Path) {
     if dir.join("thinned.f32").exists() {
         let cloud = with_normals(dir, "thinned");
-        let config = denoising::Config { radius_mm: 3.75, distance_mm: 1.875, height_mm: 0.6 };
+        let config = denoising::BilateralConfig { radius_mm: 3.75, distance_mm: 1.875, height_mm: 0.6 };
         let moved = |to: &PointCloud| {
             let squares =
                 to.points_mm.iter().zip(&cloud.points_mm).map(|(a, b)| f64::from((a - b).norm_squared()));
@@ -228,7 +228,7 @@ fn bare(points_mm: Vec<Point3<f32>>) -> PointCloud {
 /// One gate, points and normals given; ends with steps as small as those at which small_gicp is told to.
 fn icp(dir: &Path) {
     let (source, target) = (bare(read(dir, "source")), with_normals(dir, "target"));
-    let config = pair::Config { gates_mm: vec![5.0], ..pair::Config::default() };
+    let config = pair::PairConfig { gates_mm: vec![5.0], ..pair::PairConfig::default() };
     let align = || pair::align(&source, &target, &Isometry3::identity(), &config);
     stage("icp, given normals", source.len(), align, found);
 }
@@ -243,18 +243,19 @@ fn found(alignment: &pair::Alignment) -> Value {
 fn registration(dir: &Path) {
     if dir.join("thin_source.f32").exists() {
         let (source, target) = (bare(read(dir, "thin_source")), with_normals(dir, "thin_target"));
-        let align = || pair::align(&source, &target, &Isometry3::identity(), &pair::Config::default());
+        let align = || pair::align(&source, &target, &Isometry3::identity(), &pair::PairConfig::default());
         stage("icp, voxels of 2 mm", source.len(), align, found);
     }
     let meta = meta(dir);
     let views = ["target", "source"].map(|name| seen_from(read(dir, name), &meta["cameras_mm"][name]));
     let points = views[0].points_mm.len();
-    let config = reconstruction::Config {
+    let config = reconstruction::ReconstructionConfig {
         prior_mm: f64::INFINITY,
         gates_mm: vec![5.0, 1.5],
-        ..reconstruction::Config::default()
+        ..reconstruction::ReconstructionConfig::default()
     };
-    let of_pipeline = || register(&views, &normals::of_views(&views, &normals::Config::default()), &config);
+    let of_pipeline =
+        || register(&views, &normals::of_views(&views, &normals::NormalsConfig::default()), &config);
     let pose = |r: &reconstruction::Registration| {
         let corrections = [0, 1].map(|k| r.base_from_camera[k] * views[k].base_from_camera.inverse());
         json!({ "pose": rows(&(corrections[0].inverse() * corrections[1]).to_homogeneous()) })

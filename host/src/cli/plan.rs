@@ -239,7 +239,7 @@ fn keep_stages(out: &Path, mut stages: Vec<File>, seen: Vec<File>) -> Result<(),
     files::write(out, &stages).map_err(not_written)
 }
 
-fn not_planned(error: pipeline::Error) -> Failure {
+fn not_planned(error: pipeline::PlanError) -> Failure {
     Failure::new(Exit::NoSeam, error).hint(
         "--dump-stages keeps the cloud after every stage, and DIR/stages/report.html to look at; docs/troubleshooting.md says what to try",
     )

@@ -123,7 +123,7 @@ mod tests {
             paths: vec![SeamPath { seam: 1, points }],
             coverage: vec![],
             views: vec![],
-            derived: vec![Derived { name: "voxel_mm", value: 0.8, how: "twice the mean spacing" }],
+            derived: vec![Derived { name: "voxel_mm", value: 0.8, how: "twice the mean spacing".into() }],
             stage_s: vec![],
             warnings: vec!["view 3 overlaps too little".into()],
         }

@@ -25,7 +25,7 @@ pub struct View {
 
 impl View {
     /// Whether it is known which side of its surfaces is air: from the camera, or from given normals.
-    pub fn tells_sides(&self) -> bool {
+    pub fn tells_orientation(&self) -> bool {
         self.camera_known || !self.normals.is_empty()
     }
 }

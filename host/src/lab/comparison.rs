@@ -56,7 +56,7 @@ pub enum Error {
         /// Name of the piece.
         piece: String,
         /// Why.
-        source: pipeline::Error,
+        source: pipeline::PlanError,
     },
     /// A plan leads to no files.
     #[error(transparent)]

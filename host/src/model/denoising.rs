@@ -14,7 +14,7 @@ use wide::f32x8;
 
 /// Sizes of the filter, mm.
 #[derive(Debug, Clone, Copy)]
-pub struct Config {
+pub struct BilateralConfig {
     /// Radius of the neighbourhood.
     pub radius_mm: f32,
     /// Standard deviation of the weight by distance.
@@ -24,7 +24,7 @@ pub struct Config {
 }
 
 /// The filtered cloud, eq. (10): same points in the same order, moved along their normals.
-pub fn bilateral(cloud: &PointCloud, config: &Config) -> PointCloud {
+pub fn bilateral(cloud: &PointCloud, config: &BilateralConfig) -> PointCloud {
     let grid = Grid::new(&cloud.points_mm, config.radius_mm);
     let limit = f32x8::splat(config.radius_mm * config.radius_mm);
     let (near, level) = (0.5 / config.distance_mm.powi(2), 0.5 / config.height_mm.powi(2));
@@ -53,7 +53,7 @@ mod tests {
     use super::*;
     use nalgebra::Vector3;
 
-    const CONFIG: Config = Config { radius_mm: 3.0, distance_mm: 1.5, height_mm: 0.6 };
+    const CONFIG: BilateralConfig = BilateralConfig { radius_mm: 3.0, distance_mm: 1.5, height_mm: 0.6 };
 
     /// A 40 x 40 sheet at 1 mm spacing, heights from a fixed sequence of +-0.3 mm; `step` lifts its right half.
     fn sheet(step: f32) -> PointCloud {

@@ -5,6 +5,7 @@
 use crate::geometry::cloud::{Merged, PointCloud};
 use crate::geometry::grid::Grid;
 use crate::geometry::statistics::median;
+use crate::model::denoising::BilateralConfig;
 use crate::model::normals::cells::{Cells, Sums};
 use crate::model::normals::{Patches, pointwise};
 use nalgebra::{Point3, Vector3};
@@ -12,7 +13,7 @@ use rayon::prelude::*;
 
 /// How the voxel grid is laid: the larger of two lengths.
 #[derive(Debug, Clone, Copy)]
-pub struct Config {
+pub struct VoxelConfig {
     /// Edge of a voxel in mean spacings of a view; the paper's "multiple of the average distance".
     pub spacings: f32,
     /// Edge of a voxel that resolves the plate edges and bevels of arc welding, mm, if that is more.
@@ -21,7 +22,7 @@ pub struct Config {
     pub share_of_extent: f32,
 }
 
-impl Default for Config {
+impl Default for VoxelConfig {
     fn default() -> Self {
         Self { spacings: 1.3, feature_mm: 1.2, share_of_extent: 1.0 / 120.0 }
     }
@@ -44,7 +45,7 @@ pub struct Scale {
 
 impl Scale {
     /// Derives the sizes from the views' patches and the extent of the cloud.
-    pub fn of(merged: &Merged, patches: &[Patches], config: &Config) -> Self {
+    pub fn of(merged: &Merged, patches: &[Patches], config: &VoxelConfig) -> Self {
         let middle = |f: fn(&Patches) -> f32| median(&mut patches.iter().map(f).collect::<Vec<_>>());
         let (spacing_mm, noise_mm) = (middle(|p| p.spacing_mm), middle(|p| p.noise_mm));
         let small_mm = config.share_of_extent * extent_mm(merged);
@@ -76,14 +77,24 @@ impl Scale {
     }
 
     /// Widths of the bilateral filter for these voxels.
-    pub fn bilateral(&self) -> crate::model::denoising::Config {
-        crate::model::denoising::Config {
-            radius_mm: 3.0 * self.edge_mm,
-            distance_mm: 1.5 * self.edge_mm,
-            height_mm: (1.7 * self.noise_mm).max(0.05 * self.edge_mm),
+    pub fn bilateral(&self) -> BilateralConfig {
+        BilateralConfig {
+            radius_mm: RADIUS_VOXELS * self.edge_mm,
+            distance_mm: DISTANCE_VOXELS * self.edge_mm,
+            height_mm: (HEIGHT_NOISES * self.noise_mm).max(LEAST_HEIGHT_VOXELS * self.edge_mm),
         }
     }
 }
+
+/// Radius of the bilateral filter, and deviation of its weight by distance, voxels. Chosen on the simulated scans; the paper
+/// gives none.
+pub const RADIUS_VOXELS: f32 = 3.0;
+/// See [`RADIUS_VOXELS`].
+pub const DISTANCE_VOXELS: f32 = 1.5;
+/// Deviation of its weight by height, in deviations of the points' noise.
+pub const HEIGHT_NOISES: f32 = 1.7;
+/// The least of it, voxels.
+const LEAST_HEIGHT_VOXELS: f32 = 0.05;
 
 /// Diagonal of the box that holds the middle four fifths of the points on each axis, mm: free of outliers.
 fn extent_mm(merged: &Merged) -> f32 {
@@ -186,7 +197,7 @@ fn given_normals(merged: &Merged, cells: &Cells) -> Vec<Vector3<f32>> {
 
 /// From where a voxel was seen.
 #[derive(Debug, Clone, Copy, Default)]
-struct Sight {
+struct VoxelView {
     /// Directions to the cameras of its points: their sum, at last their mean.
     toward: Vector3<f32>,
     /// The view whose points are being counted.
@@ -195,7 +206,7 @@ struct Sight {
     most: (u16, u32),
 }
 
-impl Sight {
+impl VoxelView {
     fn add(&mut self, view: u16, place: &Point3<f32>, cameras_mm: &[Point3<f32>]) {
         if self.latest.0 != view {
             self.end(place, cameras_mm);
@@ -219,7 +230,7 @@ impl Sight {
 /// From where each of the `kept` voxels, whose points are at `places`, was seen.
 ///
 /// Points come view by view, so a voxel's are counted until one of another view comes: a direction a view, not a point.
-fn sights(merged: &Merged, cells: &Cells, kept: &[usize], places: &[Point3<f32>]) -> Vec<Sight> {
+fn sights(merged: &Merged, cells: &Cells, kept: &[usize], places: &[Point3<f32>]) -> Vec<VoxelView> {
     let mut at = vec![u32::MAX; cells.len()];
     kept.iter().zip(0..).for_each(|(&k, own)| at[k] = own);
     let cameras_mm = &merged.cameras_mm;
@@ -227,7 +238,7 @@ fn sights(merged: &Merged, cells: &Cells, kept: &[usize], places: &[Point3<f32>]
         let cells_of = |share: usize| (share * cells.shares.cells).min(cells.len());
         let of = |share: usize| kept.partition_point(|k| *k < cells_of(share));
         let (first, places) = (of(share), &places[of(share)..of(share + 1)]);
-        let mut sights = vec![Sight::default(); places.len()];
+        let mut sights = vec![VoxelView::default(); places.len()];
         cells.shares.visit(share, |i| {
             let k = at[cells.of_point[i] as usize].wrapping_sub(first as u32) as usize;
             if let (Some(sight), Some(place)) = (sights.get_mut(k), places.get(k)) {

@@ -18,7 +18,7 @@ use rayon::prelude::*;
 
 /// How cells are made and which are trusted.
 #[derive(Debug, Clone, Copy)]
-pub struct Config {
+pub struct NormalsConfig {
     /// Edge of a cell in mean spacings.
     pub cell_spacings: f32,
     /// Smallest cell, mm.
@@ -39,7 +39,7 @@ pub struct Config {
 /// The camera's noise is correlated between neighbouring pixels: this many count as one (measured on the simulated scans).
 pub(crate) const CORRELATED_POINTS: f32 = 5.5;
 
-impl Default for Config {
+impl Default for NormalsConfig {
     fn default() -> Self {
         Self {
             cell_spacings: 3.0,
@@ -56,7 +56,7 @@ impl Default for Config {
 /// A view reduced to one flat patch per cell, in the view's own frame.
 #[derive(Debug, Clone, Default)]
 pub struct Patches {
-    /// Patch centres and unit normals facing the camera.
+    /// CellPatch centres and unit normals facing the camera.
     pub cloud: PointCloud,
     /// Variance of the points about the patch's plane, mm²: noise, and bend where the surface is not flat.
     pub variance_mm2: Vec<f32>,
@@ -73,7 +73,7 @@ pub struct Patches {
 }
 
 /// The points of one cell, reduced to a patch.
-struct Patch {
+struct CellPatch {
     position: Point3<f32>,
     normal: Vector3<f32>,
     variance_mm2: f32,
@@ -81,7 +81,7 @@ struct Patch {
     count: f32,
 }
 
-impl Patch {
+impl CellPatch {
     /// None where the surface is seen at too grazing an angle.
     fn facing_camera(fit: &Scatter, position: Point3<f32>, count: f32, min_cos: f32) -> Option<Self> {
         let normal = fit.normal();
@@ -99,8 +99,8 @@ impl Patch {
 
 impl Patches {
     /// Column by column.
-    fn of(found: Vec<Patch>) -> Self {
-        let column = |of: fn(&Patch) -> f32| found.par_iter().map(of).collect();
+    fn of(found: Vec<CellPatch>) -> Self {
+        let column = |of: fn(&CellPatch) -> f32| found.par_iter().map(of).collect();
         Self {
             cloud: PointCloud {
                 points_mm: found.par_iter().map(|p| p.position).collect(),
@@ -116,12 +116,12 @@ impl Patches {
 }
 
 /// Patches of every view.
-pub fn of_views(views: &[View], config: &Config) -> Vec<Patches> {
+pub fn of_views(views: &[View], config: &NormalsConfig) -> Vec<Patches> {
     views.par_iter().map(|view| estimate(view, config)).collect()
 }
 
 /// Patches of one view.
-pub fn estimate(view: &View, config: &Config) -> Patches {
+pub fn estimate(view: &View, config: &NormalsConfig) -> Patches {
     let spacing_mm = mean_spacing_mm(&view.points_mm);
     let mut cell_mm = (config.cell_spacings * spacing_mm).max(config.min_cell_mm);
     let most_mm = COARSEST * cell_mm;
@@ -141,7 +141,7 @@ const COARSEST: f32 = 8.0;
 const MIN_BREADTH: f32 = 0.1;
 
 /// Patches in cells of the given edge, and how many points have enough neighbours on all sides for a fit.
-fn in_cells(view: &View, spacing_mm: f32, cell_mm: f32, config: &Config) -> (Patches, f64) {
+fn in_cells(view: &View, spacing_mm: f32, cell_mm: f32, config: &NormalsConfig) -> (Patches, f64) {
     let cells = Cells::new(&view.points_mm, cell_mm);
     let cell_mm = cells.cell_mm();
     // Windows of 3 and 5 cells; one of 9 where it may be taken. The larger ones are tapered.
@@ -185,7 +185,7 @@ fn in_cells(view: &View, spacing_mm: f32, cell_mm: f32, config: &Config) -> (Pat
         // The cell's own mean, not its foot on a larger plane: that would move curved surfaces inward.
         [0, 1].map(|i| {
             let (at, count) = (cells.centroid(two[i]), cells.moments[two[i]].count);
-            Patch::facing_camera(&best[i], at, count, config.min_incidence_cos)
+            CellPatch::facing_camera(&best[i], at, count, config.min_incidence_cos)
         })
     };
     let trusted: Vec<usize> = (0..cells.len()).into_par_iter().filter(|&k| enough(k)).collect();

@@ -20,7 +20,7 @@ pub(crate) use source::spread_over_normals;
 
 /// How views are registered.
 #[derive(Debug, Clone)]
-pub struct Config {
+pub struct ReconstructionConfig {
     /// Pairs farther apart than this are not matched; one value per round, coarse to fine.
     pub gates_mm: Vec<f32>,
     /// Most iterations of each round.
@@ -35,7 +35,7 @@ pub struct Config {
     pub sample: usize,
 }
 
-impl Default for Config {
+impl Default for ReconstructionConfig {
     fn default() -> Self {
         Self {
             gates_mm: vec![15.0, 5.0, 2.5],
@@ -110,8 +110,8 @@ pub fn fitness(nearest_mm2: &[f32], near_mm: f32) -> f64 {
 }
 
 /// Registers views, given their patches in camera frames; at least one view.
-pub fn register(views: &[View], patches: &[Patches], config: &Config) -> Registration {
-    icp::Problem::new(views, patches, config).solve(config)
+pub fn register(views: &[View], patches: &[Patches], config: &ReconstructionConfig) -> Registration {
+    icp::RegistrationProblem::new(views, patches, config).solve(config)
 }
 
 /// Share of aligned patches below which a view counts as not registered.
@@ -233,8 +233,8 @@ mod tests {
     }
 
     fn registered(views: &[View]) -> (Registration, Vec<String>) {
-        let patches = normals::of_views(views, &normals::Config::default());
-        let registration = register(views, &patches, &Config::default());
+        let patches = normals::of_views(views, &normals::NormalsConfig::default());
+        let registration = register(views, &patches, &ReconstructionConfig::default());
         let warnings = registration.warnings(views, &patches);
         (registration, warnings)
     }
@@ -248,8 +248,8 @@ mod tests {
     #[test]
     fn the_papers_chain_puts_views_on_those_before_them() {
         let views = good_views();
-        let patches = normals::of_views(&views, &normals::Config::default());
-        let registration = chain::register(&views, &patches, &Config::default());
+        let patches = normals::of_views(&views, &normals::NormalsConfig::default());
+        let registration = chain::register(&views, &patches, &ReconstructionConfig::default());
         let cameras = [[300.0, 280.0, 350.0], [200.0, 380.0, 300.0], [390.0, 200.0, 250.0]];
         for (k, (pose, camera)) in registration.base_from_camera.iter().zip(cameras).enumerate() {
             let truth = Isometry3::from_parts(Translation3::from(camera), UnitQuaternion::identity());

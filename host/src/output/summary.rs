@@ -45,7 +45,7 @@ pub struct Source {
 struct Parameter {
     name: &'static str,
     value: Option<f64>,
-    how: &'static str,
+    how: String,
 }
 
 #[derive(Debug, Serialize)]
@@ -155,7 +155,7 @@ impl Summary {
 }
 
 fn parameter(derived: &Derived) -> Parameter {
-    Parameter { name: derived.name, value: finite(derived.value), how: derived.how }
+    Parameter { name: derived.name, value: finite(derived.value), how: derived.how.clone() }
 }
 
 fn view(report: &ViewReport) -> View {

@@ -60,6 +60,7 @@ mod tests {
     use crate::geometry::cloud::{Merged, PointCloud};
     use crate::geometry::grid::Grid;
     use crate::model::downsampling::Voxels;
+    use crate::seam::SurfaceModel;
     use crate::seam::score::{edges, paper};
     use nalgebra::Point3;
 
@@ -75,7 +76,9 @@ mod tests {
         let voxels = Voxels { cloud: cloud.clone(), edge_mm: 1.0, toward_camera, ..Voxels::default() };
         let (merged, model) = (&Merged::default(), &cloud);
         let grid = Grid::new(&cloud.points_mm, 4.0);
-        let intensity = &edges::score(&voxels, &grid, &edges::asymmetries(&grid, 4.0)).intensity;
+        let asymmetries = &edges::asymmetries(&grid, 4.0);
+        let surface = SurfaceModel { voxels: &voxels, cloud: model, index: &grid, asymmetries };
+        let intensity = &edges::score(&surface).intensity;
         let mut ours =
             sampled(&Evidence { merged, raw: &grid, voxels: &voxels, model, index: &grid, intensity });
         let mut theirs: Vec<f32> = paper::tensors(model, 1.0).iter().map(|t| t.ratio()).collect();

@@ -96,12 +96,13 @@ pub enum Error {
 
 /// One cloud of all views, thinned, as the planner does it.
 pub fn cloud(views: &[View]) -> PointCloud {
-    let patches = normals::of_views(views, &normals::Config::default());
-    let registration = reconstruction::register(views, &patches, &reconstruction::Config::default());
+    let patches = normals::of_views(views, &normals::NormalsConfig::default());
+    let registration =
+        reconstruction::register(views, &patches, &reconstruction::ReconstructionConfig::default());
     let merged = Merged::new(views, &registration.base_from_camera);
-    let scale = downsampling::Scale::of(&merged, &patches, &downsampling::Config::default());
+    let scale = downsampling::Scale::of(&merged, &patches, &downsampling::VoxelConfig::default());
     let mut voxels = downsampling::voxel_grid(&merged, scale.edge_mm, scale.least);
-    if !views.iter().all(View::tells_sides) {
+    if !views.iter().all(View::tells_orientation) {
         let normals = orientation::propagated(&voxels);
         voxels.turn(normals);
     }

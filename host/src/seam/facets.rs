@@ -11,7 +11,8 @@ mod meeting;
 mod strand;
 
 use crate::geometry::mesh::Mesh;
-use crate::seam::{Found, Seam, mark_branches, order};
+use crate::seam::ordering::{mark_branches, order};
+use crate::seam::{Found, Seam};
 use nalgebra::Isometry3;
 use rayon::prelude::*;
 

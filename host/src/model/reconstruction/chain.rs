@@ -4,7 +4,7 @@
 //! Only the paper's way runs this; [`super::register`] solves all views together. What the paper leaves open: the target
 //! of a view is the union of those before it, thinned to one point a voxel, and pairs come from gates that grow narrower.
 
-use super::{Config, Registration, fitness, pair};
+use super::{ReconstructionConfig, Registration, fitness, pair};
 use crate::geometry::cloud::{Merged, PointCloud, View};
 use crate::geometry::grid::Grid;
 use crate::model::downsampling::centroids;
@@ -18,7 +18,7 @@ const NORMAL_VOXELS: f32 = 3.0;
 const OVERLAP: f32 = 4.0;
 
 /// Poses of the views, one after the other; at least one view. What remains uncertain is not known, and said to be none.
-pub fn register(views: &[View], patches: &[Patches], config: &Config) -> Registration {
+pub fn register(views: &[View], patches: &[Patches], config: &ReconstructionConfig) -> Registration {
     let edge_mm = patches.iter().map(|patches| patches.cell_mm).fold(0.0, f32::max);
     let mut poses: Vec<Isometry3<f64>> = Vec::new();
     let (mut shares, mut overlap) = (Vec::new(), Vec::new());
@@ -34,7 +34,7 @@ pub fn register(views: &[View], patches: &[Patches], config: &Config) -> Registr
         }
         let points_mm = centroids(&view.points_mm, edge_mm);
         let source = PointCloud { points_mm, ..PointCloud::default() };
-        let steps = pair::Config { gates_mm: config.gates_mm.clone(), ..pair::Config::default() };
+        let steps = pair::PairConfig { gates_mm: config.gates_mm.clone(), ..pair::PairConfig::default() };
         let found = pair::align(&source, &target, &guess, &steps);
         let near = Near::new(&source, &target, config.fitness_mm);
         let [before, after] = [guess, found.target_from_source].map(|pose| near.nearest_mm2(&pose));

@@ -4,9 +4,9 @@
 //! system, and applies them as full rotations, left-multiplied. Residuals are weighted by Geman-McClure.
 
 use super::correspondence::Match;
-use super::source::{Source, Surface};
-use super::system::{Block, Pair, System};
-use super::{Config, Registration, fitness};
+use super::source::{PatchSurface, SourceView};
+use super::system::{Block, PatchPair, System};
+use super::{ReconstructionConfig, Registration, fitness};
 use crate::geometry::cloud::View;
 use crate::geometry::statistics::robust_deviation;
 use crate::model::normals::Patches;
@@ -19,15 +19,15 @@ use rayon::prelude::*;
 const MIN_NORMAL_DOT: f32 = 0.6;
 /// Every pair is found from both sides, and a view's noise is shared by all its partners: this many pairs count as one.
 const REPEATED_PAIRS: f32 = 4.0;
-/// Of the sampled patches, every so manieth is matched in all rounds but the last, which decides the accuracy.
+/// Of the sampled patches, one in so many is matched in all rounds but the last, which decides the accuracy.
 const COARSE_STEP: usize = 4;
-/// Of the sampled patches, every so manieth is asked for the fitness.
+/// Of the sampled patches, one in so many is asked for the fitness.
 const FITNESS_STEP: usize = 4;
 /// A view's patches nearer than this to another view's, in aligned distances, overlap it.
 const OVERLAP: f32 = 4.0;
 
-pub(super) struct Problem {
-    sources: Vec<Source>,
+pub(super) struct RegistrationProblem {
+    sources: Vec<SourceView>,
     ties: Vec<Tie>,
     reported: Vec<Isometry3<f64>>,
     poses: Vec<Isometry3<f64>>,
@@ -41,11 +41,11 @@ struct Tie {
     matches: Vec<Match>,
     /// The nearest patches whatever their normal, of every [`FITNESS_STEP`]th sampled patch.
     nearest: Vec<Match>,
-    pairs: Vec<Pair>,
+    pairs: Vec<PatchPair>,
 }
 
 impl Tie {
-    fn new(i: usize, j: usize, sources: &[Source]) -> Self {
+    fn new(i: usize, j: usize, sources: &[SourceView]) -> Self {
         let count = sources[i].sample.len();
         Self {
             i,
@@ -58,18 +58,18 @@ impl Tie {
 }
 
 /// Fitness of each view after each step, and overlap at the last.
-struct Seen {
+struct FitnessLog {
     fitness: Vec<Vec<f64>>,
     overlap: Vec<f64>,
 }
 
 /// A rigid motion in single precision.
-struct Motion {
+struct SingleMotion {
     turn: Rotation3<f32>,
     shift: Vector3<f32>,
 }
 
-impl Motion {
+impl SingleMotion {
     fn new(motion: &Isometry3<f64>) -> Self {
         let turn = motion.rotation.to_rotation_matrix().cast();
         Self { turn, shift: motion.translation.vector.cast() }
@@ -80,9 +80,10 @@ impl Motion {
     }
 }
 
-impl Problem {
-    pub(super) fn new(views: &[View], patches: &[Patches], config: &Config) -> Self {
-        let sources: Vec<Source> = patches.par_iter().map(|p| Source::new(p, config.sample)).collect();
+impl RegistrationProblem {
+    pub(super) fn new(views: &[View], patches: &[Patches], config: &ReconstructionConfig) -> Self {
+        let sources: Vec<SourceView> =
+            patches.par_iter().map(|p| SourceView::new(p, config.sample)).collect();
         let reported: Vec<_> = views.iter().map(|v| v.base_from_camera).collect();
         let (mut sum, mut count) = (Vector3::zeros(), 0.0);
         for (source, pose) in sources.iter().zip(&reported) {
@@ -99,9 +100,9 @@ impl Problem {
     }
 
     /// The poses that minimise the distances along the normals, eq. (2), gate by gate.
-    pub(super) fn solve(mut self, config: &Config) -> Registration {
+    pub(super) fn solve(mut self, config: &ReconstructionConfig) -> Registration {
         let views = self.sources.len();
-        let mut seen = Seen { fitness: vec![vec![]; views], overlap: vec![0.0; views] };
+        let mut seen = FitnessLog { fitness: vec![vec![]; views], overlap: vec![0.0; views] };
         let mut covariance = DMatrix::zeros(6 * (views - 1), 6 * (views - 1));
         let mut residual_mm = 0.0;
         self.look(&mut seen, config);
@@ -128,7 +129,7 @@ impl Problem {
         self.finish(seen, covariance, residual_mm)
     }
 
-    fn finish(self, seen: Seen, covariance: DMatrix<f64>, residual_mm: f64) -> Registration {
+    fn finish(self, seen: FitnessLog, covariance: DMatrix<f64>, residual_mm: f64) -> Registration {
         Registration {
             base_from_camera: self.poses,
             fitness: seen.fitness,
@@ -140,7 +141,12 @@ impl Problem {
     }
 
     /// One linear step of all views, eq. (6): the largest motion of a view, mm, the covariance, the residual scale.
-    fn iterate(&mut self, gate_mm: f32, thin: usize, config: &Config) -> (f64, DMatrix<f64>, f64) {
+    fn iterate(
+        &mut self,
+        gate_mm: f32,
+        thin: usize,
+        config: &ReconstructionConfig,
+    ) -> (f64, DMatrix<f64>, f64) {
         let views = self.sources.len();
         let (sources, poses, centre_mm) = (&self.sources, &self.poses, &self.centre_mm);
         self.ties.par_iter_mut().for_each(|tie| tie.pair(sources, poses, centre_mm, gate_mm, thin));
@@ -176,7 +182,7 @@ impl Problem {
     }
 
     /// Information of the reported pose about the centre, and its pull toward it.
-    fn prior(&self, view: usize, config: &Config) -> (Matrix6<f64>, Vector6<f64>) {
+    fn prior(&self, view: usize, config: &ReconstructionConfig) -> (Matrix6<f64>, Vector6<f64>) {
         if !config.prior_mm.is_finite() {
             return (Matrix6::identity() * 1e-9, Vector6::zeros());
         }
@@ -197,7 +203,7 @@ impl Problem {
     }
 
     /// Appends each view's fitness at the poses as they are, and sets its overlap.
-    fn look(&mut self, seen: &mut Seen, config: &Config) {
+    fn look(&mut self, seen: &mut FitnessLog, config: &ReconstructionConfig) {
         let reach = OVERLAP * config.fitness_mm;
         let (sources, poses) = (&self.sources, &self.poses);
         let squared: Vec<Vec<f32>> =
@@ -229,25 +235,26 @@ impl Tie {
     /// Finds the pairs of every `thin`th sampled patch anew.
     fn pair(
         &mut self,
-        sources: &[Source],
+        sources: &[SourceView],
         poses: &[Isometry3<f64>],
         centre_mm: &Point3<f64>,
         gate_mm: f32,
         thin: usize,
     ) {
         let (source, target) = (&sources[self.i], &sources[self.j]);
-        let motion = Motion::new(&(poses[self.j].inverse() * poses[self.i]));
+        let motion = SingleMotion::new(&(poses[self.j].inverse() * poses[self.i]));
         let centre = poses[self.j].inverse_transform_point(centre_mm).cast::<f32>();
         self.pairs.clear();
         for (sample, partner) in source.sample.iter().zip(&mut self.matches).step_by(thin) {
             let (q, facing) = (motion.apply(&sample.point), motion.turn * sample.normal);
             let same_side = |s: usize| target.surfaces[s].normal.dot(&facing) > MIN_NORMAL_DOT;
             let Some((slot, hit)) = partner.find(&target.grid, &q, gate_mm, same_side) else { continue };
-            let (Surface { normal, variance_mm2, tilt_variance }, above) = (target.surfaces[slot], q - hit);
+            let (PatchSurface { normal, variance_mm2, tilt_variance }, above) =
+                (target.surfaces[slot], q - hit);
             let residual_mm = normal.dot(&above);
             let aside = (above.norm_squared() - residual_mm * residual_mm).max(0.0);
             let variance = sample.variance_mm2 + variance_mm2 + tilt_variance * aside;
-            self.pairs.push(Pair {
+            self.pairs.push(PatchPair {
                 arm: q - centre,
                 normal,
                 residual_mm,
@@ -266,9 +273,9 @@ impl Tie {
     }
 
     /// Squared distances to the nearest patches of `j`; infinite beyond `reach`.
-    fn nearest_squared(&mut self, sources: &[Source], poses: &[Isometry3<f64>], reach: f32) -> Vec<f32> {
+    fn nearest_squared(&mut self, sources: &[SourceView], poses: &[Isometry3<f64>], reach: f32) -> Vec<f32> {
         let (source, target) = (&sources[self.i], &sources[self.j]);
-        let motion = Motion::new(&(poses[self.j].inverse() * poses[self.i]));
+        let motion = SingleMotion::new(&(poses[self.j].inverse() * poses[self.i]));
         let asked = source.sample.iter().step_by(FITNESS_STEP);
         asked
             .zip(&mut self.nearest)

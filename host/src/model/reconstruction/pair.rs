@@ -16,7 +16,7 @@ use rayon::prelude::*;
 
 /// When pairs are made and when to stop.
 #[derive(Debug, Clone)]
-pub struct Config {
+pub struct PairConfig {
     /// Points farther apart than this are not paired; one value per round, coarse to fine.
     pub gates_mm: Vec<f32>,
     /// Most iterations of each round.
@@ -27,7 +27,7 @@ pub struct Config {
     pub stop_rad: f64,
 }
 
-impl Default for Config {
+impl Default for PairConfig {
     fn default() -> Self {
         Self { gates_mm: vec![5.0, 1.5], iterations: 100, stop_mm: 1e-3, stop_rad: 1e-5 }
     }
@@ -54,8 +54,13 @@ const CHUNK: usize = 2048;
 const DAMPING: f64 = 1e-9;
 
 /// Aligns `source`, whose normals are not read, to `target` by its points and normals; at least one point each.
-pub fn align(source: &PointCloud, target: &PointCloud, guess: &Isometry3<f64>, config: &Config) -> Alignment {
-    let mut pair = Pair::new(source, target, guess);
+pub fn align(
+    source: &PointCloud,
+    target: &PointCloud,
+    guess: &Isometry3<f64>,
+    config: &PairConfig,
+) -> Alignment {
+    let mut pair = CloudPair::new(source, target, guess);
     let (mut iterations, mut converged, mut sum) = (0, false, Sum::default());
     for (round, &gate_mm) in config.gates_mm.iter().enumerate() {
         if round > 0 && gate_mm > config.gates_mm[round - 1] {
@@ -84,7 +89,7 @@ pub fn align(source: &PointCloud, target: &PointCloud, guess: &Isometry3<f64>, c
 }
 
 /// Both clouds about their own middles, so that single precision suffices.
-struct Pair {
+struct CloudPair {
     source: Grid,
     target: Grid,
     /// Normal per slot of the target.
@@ -106,7 +111,7 @@ fn about_middle(cloud: &PointCloud, spacings: f32) -> (Point3<f64>, Grid) {
     (cloud.origin_mm + middle.cast::<f64>(), Grid::new(&points, cell_mm))
 }
 
-impl Pair {
+impl CloudPair {
     fn new(source: &PointCloud, target: &PointCloud, guess: &Isometry3<f64>) -> Self {
         let (source_middle_mm, source) = about_middle(source, SOURCE_CELL_SPACINGS);
         let (target_middle_mm, grid) = about_middle(target, TARGET_CELL_SPACINGS);
@@ -234,7 +239,7 @@ mod tests {
     fn a_moved_cloud_is_found_in_any_frame() {
         let truth = pose([0.9, -1.1, 0.6], [0.004, -0.006, 0.005]);
         let (target, source) = (bowl(40_000, 0.0), bowl(20_000, 0.37));
-        let config = Config { stop_mm: 1e-5, stop_rad: 1e-7, ..Config::default() };
+        let config = PairConfig { stop_mm: 1e-5, stop_rad: 1e-7, ..PairConfig::default() };
         let frames = [
             Isometry3::identity(),
             pose([300.0, -120.0, 450.0], [0.4, 0.8, 0.2]),
@@ -261,7 +266,7 @@ mod tests {
     #[test]
     fn clouds_apart_stay_where_they_are() {
         let (target, source) = (bowl(1000, 0.0), moved(&bowl(1000, 0.3), &pose([500.0, 0.0, 0.0], [0.0; 3])));
-        let found = align(&source, &target, &Isometry3::identity(), &Config::default());
+        let found = align(&source, &target, &Isometry3::identity(), &PairConfig::default());
         assert!(!found.converged && found.inliers == 0.0);
         assert!(found.target_from_source.translation.vector.norm() < 1e-9);
     }

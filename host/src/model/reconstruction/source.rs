@@ -9,17 +9,17 @@ use nalgebra::{Point3, Vector3};
 const MAX_BEND: f32 = 2.0;
 
 /// One view's patches, ready to be matched.
-pub(super) struct Source {
+pub(super) struct SourceView {
     pub(super) grid: Grid,
     /// Per slot of the grid.
-    pub(super) surfaces: Vec<Surface>,
+    pub(super) surfaces: Vec<PatchSurface>,
     /// Those that are matched.
-    pub(super) sample: Vec<Sample>,
+    pub(super) sample: Vec<MatchedPatch>,
 }
 
 /// What a pair needs to know of a patch beside its place: read together, at random places.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Surface {
+pub(super) struct PatchSurface {
     pub(super) normal: Vector3<f32>,
     /// Variance of the patch's height, mm².
     pub(super) variance_mm2: f32,
@@ -29,14 +29,14 @@ pub(super) struct Surface {
 
 /// A patch that is matched, and the weight that makes up for the ones left out.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Sample {
+pub(super) struct MatchedPatch {
     pub(super) point: Point3<f32>,
     pub(super) normal: Vector3<f32>,
     pub(super) variance_mm2: f32,
     pub(super) weight: f32,
 }
 
-impl Source {
+impl SourceView {
     pub(super) fn new(patches: &Patches, sample: usize) -> Self {
         let mut variance = patches.variance_mm2.clone();
         let noise = median(&mut variance).max(1e-6);
@@ -47,18 +47,18 @@ impl Source {
         let grid = Grid::new(&points, 2.0 * patches.cell_mm);
         let surface = |slot: usize| {
             let k = flat[grid.index(slot)];
-            Surface {
+            PatchSurface {
                 normal: patches.cloud.normals[k],
                 variance_mm2: CORRELATED_POINTS * patches.variance_mm2[k].max(0.25 * noise)
                     / patches.count[k],
                 tilt_variance: patches.tilt_variance[k],
             }
         };
-        let surfaces: Vec<Surface> = (0..grid.len()).map(surface).collect();
+        let surfaces: Vec<PatchSurface> = (0..grid.len()).map(surface).collect();
         let normals = surfaces.iter().map(|surface| surface.normal);
         let sample = spread_over_normals(normals, sample).into_iter().map(|(slot, weight)| {
-            let Surface { normal, variance_mm2, .. } = surfaces[slot as usize];
-            Sample { point: grid.point(slot as usize), normal, variance_mm2, weight }
+            let PatchSurface { normal, variance_mm2, .. } = surfaces[slot as usize];
+            MatchedPatch { point: grid.point(slot as usize), normal, variance_mm2, weight }
         });
         let sample = sample.collect();
         Self { grid, surfaces, sample }

@@ -7,7 +7,7 @@ use nalgebra::{DMatrix, DVector, Matrix6, UnitQuaternion, Vector3, Vector6};
 const UNSEEN: f64 = 1e-4;
 
 /// A pair of patches of two views in the target's frame, its arm from the centre.
-pub(super) struct Pair {
+pub(super) struct PatchPair {
     pub(super) arm: Vector3<f32>,
     /// Of the target patch, and the distance of the source patch above it.
     pub(super) normal: Vector3<f32>,
@@ -27,7 +27,7 @@ pub(super) struct Block {
 }
 
 impl Block {
-    pub(super) fn add(&mut self, p: &Pair, scale: f64) {
+    pub(super) fn add(&mut self, p: &PatchPair, scale: f64) {
         let (residual_mm, own_residual_mm) = (f64::from(p.residual_mm), f64::from(p.own_residual_mm));
         let w = f64::from(p.weight) / (1.0 + (residual_mm / (2.0 * scale)).powi(2)).powi(2);
         // Two normals of one surface with independent noise: their product is unbiased where a square is not, so noise

@@ -3,8 +3,8 @@
 use super::corner::{ALIKE_COSINE, Piece};
 use super::strand::Strand;
 use crate::geometry::mesh::{Mesh, Side};
-use crate::seam::dimension::{Dimension, Quantity, Value};
-use crate::seam::joint::{self, Section};
+use crate::seam::measure::dimension::{Dimension, Quantity, Value};
+use crate::seam::measure::joint::{self, CrossSection};
 use crate::seam::{Joint, Seam, Station};
 use nalgebra::{Isometry3, Point3, Vector3};
 
@@ -96,7 +96,7 @@ fn stations(strand: &Strand) -> Vec<Station> {
 }
 
 /// Cross-section of the seam, as the scan's would be.
-fn section(mesh: &Mesh, strand: &Strand, stations: &[Station]) -> Section {
+fn section(mesh: &Mesh, strand: &Strand, stations: &[Station]) -> CrossSection {
     const SECTIONS: usize = 9;
     let n = stations.len() as f64;
     let mean = |k: usize| stations.iter().map(|s| s.faces[k]).sum::<Vector3<f64>>() / n;
@@ -108,7 +108,7 @@ fn section(mesh: &Mesh, strand: &Strand, stations: &[Station]) -> Section {
     let mut pieces: Vec<&Piece> = strand.pieces.iter().collect();
     pieces.sort_by(|a, b| b.length_mm().total_cmp(&a.length_mm()));
     pieces.truncate(SECTIONS);
-    let mut section = Section {
+    let mut section = CrossSection {
         opening_deg: opening_deg as f32,
         short: [false; 2],
         reach_mm: [most_mm as f32; 2],
@@ -191,7 +191,7 @@ fn beyond(mesh: &Mesh, at: &Point3<f64>, into: &Vector3<f64>, normal: &Vector3<f
     best
 }
 
-fn dimensions(joint: Joint, section: &Section, error_mm: f64) -> Vec<Dimension> {
+fn dimensions(joint: Joint, section: &CrossSection, error_mm: f64) -> Vec<Dimension> {
     let row = |quantity, value: f32, uncertainty| Dimension {
         quantity,
         value: Ok(Value { value: f64::from(value), uncertainty }),

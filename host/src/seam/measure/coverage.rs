@@ -14,8 +14,10 @@ use rayon::prelude::*;
 
 use crate::geometry::cloud::Merged;
 use crate::geometry::grid::Grid;
+use crate::geometry::polyline::arc_lengths;
+use crate::geometry::statistics::median;
 use crate::seam::{Seam, Station};
-use sight::{Sight, Sights};
+use sight::{Panorama, Visibility};
 pub use viewpoint::Viewpoint;
 
 /// Why a stretch should be scanned again.
@@ -57,6 +59,8 @@ pub struct Gap {
     pub view: Viewpoint,
 }
 
+// All chosen on the simulated scans; lengths in mm.
+
 /// Length of a bin along the seam.
 const BIN_MM: f64 = 5.0;
 /// The band of a face that counts, from the seam.
@@ -71,6 +75,15 @@ const LEAST_COSINE: f64 = 0.31;
 const SHORTEST_MM: f64 = 10.0;
 /// How far an end is followed.
 const BEYOND_MM: f64 = 150.0;
+/// One of so many of the usual points is few; and one of so many of the fewest, of one view, shows that it looked.
+const FEW_ONE_OF: usize = 4;
+const LOOKED_ONE_OF: usize = 2;
+/// Where beyond an end the first bin is, in bins: the one at the end itself still has points of the end.
+const FIRST_BIN: f64 = 1.5;
+/// Distances from the seam at which a camera may have seen through where a face would be, mm.
+const THROUGH_MM: [f64; 3] = [3.0, 6.0, 9.0];
+/// Good stations within a bad run that do not end it.
+const GOOD_WITHIN: usize = 2;
 
 /// Stretches of all seams that were seen badly; none if it is not known where the cameras stood. `grid` indexes the points
 /// of `merged`.
@@ -78,27 +91,27 @@ pub fn gaps(seams: &[Seam], merged: &Merged, grid: &Grid, cameras_known: bool) -
     if !cameras_known || seams.is_empty() {
         return Vec::new();
     }
-    let scan = Scan { merged, grid, sights: OnceLock::new() };
+    let scan = Survey { merged, grid, sights: OnceLock::new() };
     seams.par_iter().flat_map_iter(|seam| scan.gaps_of(seam)).collect()
 }
 
 /// The raw points, ready to be asked.
-struct Scan<'a> {
+struct Survey<'a> {
     merged: &'a Merged,
     grid: &'a Grid,
     /// Made when an end is in doubt.
-    sights: OnceLock<Sights>,
+    sights: OnceLock<Panorama>,
 }
 
 /// What is known of a face in one bin.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Seen {
+enum FaceView {
     Well,
     Grazing,
     Not,
 }
 
-impl Scan<'_> {
+impl Survey<'_> {
     fn gaps_of(&self, seam: &Seam) -> Vec<Gap> {
         let arcs = arcs_mm(seam);
         let mut gaps = Vec::new();
@@ -107,9 +120,9 @@ impl Scan<'_> {
         let least = [0, 1].map(|face| least(&counts[face]));
         for face in 0..2 {
             let stations = seam.stations.iter().zip(&counts[face]);
-            let seen: Vec<Seen> =
+            let seen: Vec<FaceView> =
                 stations.map(|(station, count)| self.judged(count, station, face, least[face])).collect();
-            for (fault, bad) in [(Fault::Unseen, Seen::Not), (Fault::Grazing, Seen::Grazing)] {
+            for (fault, bad) in [(Fault::Unseen, FaceView::Not), (Fault::Grazing, FaceView::Grazing)] {
                 for (first, last) in runs(&seen, bad) {
                     if arcs[last] - arcs[first] >= SHORTEST_MM {
                         let middle = &seam.stations[(first + last) / 2];
@@ -144,12 +157,11 @@ impl Scan<'_> {
     /// How far beyond an end the other face goes on while this one is neither seen nor seen through, mm.
     fn open_mm(&self, end: &Ending, face: usize, least: [usize; 2]) -> f64 {
         let mut open_mm = 0.0;
-        // The bin at the end itself still has points of the end.
-        let mut at_mm = 1.5 * BIN_MM;
+        let mut at_mm = FIRST_BIN * BIN_MM;
         while at_mm <= BEYOND_MM {
             let here = end.beyond(at_mm);
-            let goes_on = self.seen(&here, face, least[face]) == Seen::Not
-                && self.seen(&here, 1 - face, least[1 - face]) != Seen::Not;
+            let goes_on = self.seen(&here, face, least[face]) == FaceView::Not
+                && self.seen(&here, 1 - face, least[1 - face]) != FaceView::Not;
             if !goes_on || self.seen_through(&here, face) {
                 break;
             }
@@ -162,9 +174,9 @@ impl Scan<'_> {
     /// Whether a camera saw what lies behind the place where the face would be.
     fn seen_through(&self, station: &Station, face: usize) -> bool {
         let away = away(station, face);
-        [3.0, 6.0, 9.0].into_iter().any(|off_mm| {
+        THROUGH_MM.into_iter().any(|off_mm| {
             let place = self.local(&(station.position_mm + away * off_mm));
-            self.sights.get_or_init(|| Sights::new(self.merged)).any(&place, Sight::Through)
+            self.sights.get_or_init(|| Panorama::new(self.merged)).any(&place, Visibility::Through)
         })
     }
 
@@ -173,20 +185,20 @@ impl Scan<'_> {
     }
 
     /// How the cameras saw the band of a face at a station.
-    fn seen(&self, station: &Station, face: usize, least: usize) -> Seen {
+    fn seen(&self, station: &Station, face: usize, least: usize) -> FaceView {
         self.judged(&self.counts(station, face), station, face, least)
     }
 
     /// The same, with the points that each view has there.
-    fn judged(&self, count: &[usize], station: &Station, face: usize, least: usize) -> Seen {
+    fn judged(&self, count: &[usize], station: &Station, face: usize, least: usize) -> FaceView {
         if count.iter().sum::<usize>() < least {
-            return Seen::Not;
+            return FaceView::Not;
         }
         let (place, normal) = (self.local(&station.position_mm), station.faces[face].cast::<f32>());
         let cosine = |k: usize| f64::from((self.merged.cameras_mm[k] - place).normalize().dot(&normal));
-        let seeing = (0..count.len()).filter(|&k| count[k] >= FEWEST / 2);
+        let seeing = (0..count.len()).filter(|&k| count[k] >= FEWEST / LOOKED_ONE_OF);
         let best = seeing.map(cosine).fold(0.0, f64::max);
-        if best < LEAST_COSINE { Seen::Grazing } else { Seen::Well }
+        if best < LEAST_COSINE { FaceView::Grazing } else { FaceView::Well }
     }
 
     /// Points of each view on the band of a face at a station.
@@ -211,8 +223,7 @@ impl Scan<'_> {
 /// Points that a bin of a face must have: a quarter of what its bins usually have on this seam.
 fn least(counts: &[Vec<usize>]) -> usize {
     let mut totals: Vec<usize> = counts.iter().map(|count| count.iter().sum()).collect();
-    totals.sort_unstable();
-    totals.get(totals.len() / 2).map_or(FEWEST, |usual| FEWEST.max(usual / 4))
+    FEWEST.max(median(&mut totals) / FEW_ONE_OF)
 }
 
 /// Across the seam, along a face, away from the seam: where the other face's positive side is.
@@ -259,20 +270,15 @@ impl Ending {
 
 /// Distance along the seam of each station, mm.
 fn arcs_mm(seam: &Seam) -> Vec<f64> {
-    let steps = seam.stations.windows(2).map(|w| (w[1].position_mm - w[0].position_mm).norm());
-    let sums = steps.scan(0.0, |sum, step| {
-        *sum += step;
-        Some(*sum)
-    });
-    std::iter::once(0.0).chain(sums).take(seam.stations.len()).collect()
+    arc_lengths(&seam.stations, |a, b| (b.position_mm - a.position_mm).norm())
 }
 
-/// First and last index of each run of `wanted`; two good stations within a run do not end it.
-fn runs(seen: &[Seen], wanted: Seen) -> Vec<(usize, usize)> {
+/// First and last index of each run of `wanted`; [`GOOD_WITHIN`] good stations within a run do not end it.
+fn runs(seen: &[FaceView], wanted: FaceView) -> Vec<(usize, usize)> {
     let mut runs: Vec<(usize, usize)> = Vec::new();
     for i in (0..seen.len()).filter(|&i| seen[i] == wanted) {
         match runs.last_mut() {
-            Some((_, last)) if i <= *last + 3 => *last = i,
+            Some((_, last)) if i <= *last + GOOD_WITHIN + 1 => *last = i,
             _ => runs.push((i, i)),
         }
     }

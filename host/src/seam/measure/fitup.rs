@@ -4,38 +4,19 @@
 //! the voxel grid and the filter round what lies next to it (`root`); surfaces beyond the lips need not (`surface`).
 //! A value that the scan does not show is not guessed: its place is taken by the reason.
 
+mod evidence;
 mod root;
 mod sight;
 mod surface;
 
+pub use evidence::JointEvidence;
 pub use root::groove_end_mm;
 
-use crate::geometry::grid::Grid;
-use crate::seam::measure::dimension::{Dimension, Quantity, Value};
-use crate::seam::refine::Refined;
-use crate::seam::refine::expected::Expected;
-use crate::seam::{Input, Joint};
-
-/// What a joint is measured from.
-pub struct Evidence<'a> {
-    /// What the steps before handed over.
-    pub input: &'a Input<'a>,
-    /// Of the model's points.
-    pub grid: &'a Grid,
-    /// The refined seam.
-    pub seam: &'a Refined,
-    /// Its kind.
-    pub joint: Joint,
-    /// Which faces were seen to end.
-    pub short: [bool; 2],
-    /// How far the faces reach, mm.
-    pub reach_mm: [f32; 2],
-    /// How wrong the seam may be.
-    pub expected: &'a Expected,
-}
+use super::dimension::{Dimension, Quantity, Value};
+use crate::seam::Joint;
 
 /// The dimensions that a joint of this kind has.
-pub fn measure(evidence: &Evidence) -> Vec<Dimension> {
+pub fn measure(evidence: &JointEvidence) -> Vec<Dimension> {
     let opening = root::opening(evidence);
     let angle = Dimension { quantity: Quantity::IncludedAngle, value: Ok(opening.angle_deg) };
     let gap = Dimension { quantity: Quantity::RootOpening, value: opening.width_mm };
@@ -57,7 +38,7 @@ pub fn of_step(height_mm: f64, error_mm: f64) -> Vec<Dimension> {
 }
 
 /// Depth and width of a groove between bevels that include `angle_deg`.
-fn groove(evidence: &Evidence, angle_deg: Value, gap: Result<Value, &'static str>) -> Vec<Dimension> {
+fn groove(evidence: &JointEvidence, angle_deg: Value, gap: Result<Value, &'static str>) -> Vec<Dimension> {
     let cotangent = 1.0 / (0.5 * angle_deg.value).to_radians().tan();
     // Of the cotangent, and of heights that come from the place of the seam.
     let unsure = (0.5 * angle_deg.uncertainty).to_radians() * (1.0 + cotangent * cotangent);
@@ -86,7 +67,7 @@ fn groove(evidence: &Evidence, angle_deg: Value, gap: Result<Value, &'static str
 }
 
 /// Thickness of the upper sheet of a lap joint.
-fn sheet(evidence: &Evidence, gap: Result<Value, &'static str>) -> Dimension {
+fn sheet(evidence: &JointEvidence, gap: Result<Value, &'static str>) -> Dimension {
     let side = usize::from(evidence.short[1] && !evidence.short[0]);
     let step = surface::above_edge(evidence, side).ok_or("the top of the upper sheet was not seen");
     // A gap that cannot be told is part of the step.

@@ -1,56 +1,12 @@
 //! Points beside a seam in the seam's own coordinates: along it, and out along and off each face (ours).
 
+use super::frame::Frame;
 use crate::geometry::cloud::Merged;
 use crate::geometry::grid::Grid;
 use crate::geometry::grid::rows::bounds;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use std::ops::Range;
-
-/// One station of a seam that is being refined; single precision about the cloud's origin.
-#[derive(Debug, Clone, Copy)]
-pub struct Frame {
-    /// On the seam, mm.
-    pub position: Point3<f32>,
-    /// Unit tangent.
-    pub tangent: Vector3<f32>,
-    /// Unit normals of the faces, each normal to the tangent.
-    pub faces: [Vector3<f32>; 2],
-}
-
-/// Shorter tangents have no direction.
-const LEAST_TANGENT: f32 = 1e-6;
-
-impl Frame {
-    /// Makes tangent and face normals unit and square to each other.
-    pub fn new(position: Point3<f32>, tangent: Vector3<f32>, faces: [Vector3<f32>; 2]) -> Option<Self> {
-        Self::about(position, tangent.try_normalize(LEAST_TANGENT)?, faces)
-    }
-
-    /// The same about a unit tangent.
-    fn about(position: Point3<f32>, tangent: Vector3<f32>, faces: [Vector3<f32>; 2]) -> Option<Self> {
-        let square = |n: Vector3<f32>| (n - tangent * n.dot(&tangent)).try_normalize(1e-3);
-        Some(Self { position, tangent, faces: [square(faces[0])?, square(faces[1])?] })
-    }
-
-    /// The same place, seen by a weld that runs the other way.
-    pub fn reversed(&self) -> Self {
-        Self { tangent: -self.tangent, ..*self }
-    }
-
-    /// In-face direction from the seam into each face.
-    pub fn into_faces(&self) -> [Vector3<f32>; 2] {
-        [0, 1].map(|k| {
-            let along = self.tangent.cross(&self.faces[k]);
-            if along.dot(&self.faces[1 - k]) < 0.0 { -along } else { along }
-        })
-    }
-
-    /// Bisector of the faces, out of the work.
-    pub fn bisector(&self) -> Vector3<f32> {
-        (self.faces[0] + self.faces[1]).try_normalize(1e-6).unwrap_or(self.faces[0])
-    }
-}
 
 /// A raw point beside the seam.
 #[derive(Debug, Clone, Copy)]
@@ -80,7 +36,7 @@ pub fn near_path(raw: &Grid, frames: &[Frame], reach_mm: f32) -> Vec<u32> {
         inside && grid.is_near(&p, within_mm)
     };
     // Where the first point of a cell is farther or nearer than the reach by this, all of it is.
-    let cell_mm = 1.001 * 3f32.sqrt() * raw.cell_mm();
+    let cell_mm = ROUNDED_UP * 3f32.sqrt() * raw.cell_mm();
     let of_cell = |slots: Range<usize>| {
         let several = slots.len() > FEW;
         let all = several && reach_mm > cell_mm && is_near(slots.start, reach_mm - cell_mm);
@@ -88,91 +44,101 @@ pub fn near_path(raw: &Grid, frames: &[Frame], reach_mm: f32) -> Vec<u32> {
         let near = (if none { 0..0 } else { slots }).filter(move |&slot| all || is_near(slot, reach_mm));
         near.map(|slot| raw.index(slot) as u32)
     };
-    let mut near: Vec<u32> = raw.cells().with_max_len(1024).flat_map_iter(of_cell).collect();
+    let mut near: Vec<u32> = raw.cells().with_max_len(CELLS).flat_map_iter(of_cell).collect();
     near.par_sort_unstable();
     near
 }
 
 /// Points of a cell that are better looked at one by one.
 const FEW: usize = 8;
+/// Cells that one thread works on at most.
+const CELLS: usize = 1024;
+/// A little more than 1: what a diagonal may lose by rounding.
+const ROUNDED_UP: f32 = 1.001;
 
-/// Seam coordinates of raw points nearer than `reach_mm` to the seam; those beyond the ends of an open seam by more than a
+/// Neighbouring points that one thread works on at least.
+const SHARE: usize = 1024;
+/// The station nearest to a point that is this many reaches from it may be beside the foot that is within one.
+const STATION_REACHES: f32 = 1.5;
+
+/// Seam coordinates of raw points nearer than `reach_mm` to the path; those beyond the ends of an open one by more than a
 /// step are left out.
-pub fn beside(
-    merged: &Merged,
-    near: &[u32],
-    frames: &[Frame],
-    closed: bool,
-    step_mm: f32,
-    reach_mm: f32,
-) -> Vec<Beside> {
-    let stations: Vec<_> = frames.iter().map(|f| f.position).collect();
+pub fn beside(merged: &Merged, near: &[u32], line: StationLine, reach_mm: f32) -> Vec<Beside> {
+    let stations: Vec<_> = line.frames.iter().map(|f| f.position).collect();
     let grid = Grid::new(&stations, reach_mm);
     near.par_iter()
-        .with_min_len(1024)
+        .with_min_len(SHARE)
         .filter_map(|&k| {
             let p = merged.points_mm[k as usize];
-            let (slot, _) = grid.nearest(&p, 1.5 * reach_mm, |_| true)?;
-            let (s, d, foot) = foot(&p, frames, grid.index(slot), closed, step_mm, reach_mm)?;
-            let into = foot.into_faces();
-            let h = foot.faces.map(|normal| d.dot(&normal));
+            let (slot, _) = grid.nearest(&p, STATION_REACHES * reach_mm, |_| true)?;
+            let Foot { s, offset, frame } = line.foot(&p, grid.index(slot), reach_mm)?;
+            let into = frame.into_faces();
+            let h = frame.faces.map(|normal| offset.dot(&normal));
             let face = usize::from(h[1].abs() < h[0].abs());
             let view = merged.view[k as usize];
             let ray = (merged.cameras_mm[usize::from(view)] - p).normalize();
-            let incidence_cos = ray.dot(&foot.faces[face]);
-            Some(Beside { s, face: face as u8, u: d.dot(&into[face]), h: h[face], view, incidence_cos })
+            let incidence_cos = ray.dot(&frame.faces[face]);
+            Some(Beside { s, face: face as u8, u: offset.dot(&into[face]), h: h[face], view, incidence_cos })
         })
         .collect()
 }
 
-/// Where a point nearer than `reach_mm` lies along the seam, its offset in the cross-section there, and the frame of that,
-/// interpolated between the nearest station and the one beyond it.
-pub(in crate::seam) fn foot(
-    p: &Point3<f32>,
-    frames: &[Frame],
-    nearest: usize,
-    closed: bool,
-    step_mm: f32,
-    reach_mm: f32,
-) -> Option<(f32, Vector3<f32>, Frame)> {
-    let n = frames.len();
-    let near = &frames[nearest];
-    let ahead = (p - near.position).dot(&near.tangent);
-    let other = match (ahead >= 0.0, closed) {
-        (true, true) => (nearest + 1) % n,
-        (false, true) => (nearest + n - 1) % n,
-        (true, false) => (nearest + 1).min(n - 1),
-        (false, false) => nearest.saturating_sub(1),
-    };
-    let far = &frames[other];
-    let gap = (far.position - near.position).norm();
-    let sign = if ahead >= 0.0 { 1.0 } else { -1.0 };
-    let mut share = if gap > 0.0 { (ahead.abs() / gap).min(1.0) } else { 0.0 };
-    if gap > 0.0 {
-        // The chord is only near the seam: once more with the tangent there.
-        let (position, tangent) = (mixed_position(near, far, share), mixed_tangent(near, far, share)?);
-        share = (share + (p - position).dot(&tangent) * sign / gap).clamp(0.0, 1.0);
+/// Stations at equal steps, borrowed from a path or a refined seam.
+#[derive(Clone, Copy)]
+pub struct StationLine<'a> {
+    /// The stations.
+    pub frames: &'a [Frame],
+    /// Distance of stations, mm.
+    pub step_mm: f32,
+    /// Whether the last is followed by the first.
+    pub closed: bool,
+}
+
+/// Where the perpendicular from a point meets a line of stations.
+pub struct Foot {
+    /// Along the line from its first station, mm.
+    pub s: f32,
+    /// The point from there, in the cross-section, mm.
+    pub offset: Vector3<f32>,
+    /// The frame there, interpolated between the nearest station and the one beyond it.
+    pub frame: Frame,
+}
+
+impl StationLine<'_> {
+    /// The foot of a point nearer than `reach_mm`, about its nearest station.
+    pub fn foot(&self, p: &Point3<f32>, nearest: usize, reach_mm: f32) -> Option<Foot> {
+        let near = &self.frames[nearest];
+        let ahead = (p - near.position).dot(&near.tangent);
+        let far = &self.frames[self.beyond(nearest, ahead)];
+        let gap = (far.position - near.position).norm();
+        let sign = if ahead >= 0.0 { 1.0 } else { -1.0 };
+        let mut share = if gap > 0.0 { (ahead.abs() / gap).min(1.0) } else { 0.0 };
+        if gap > 0.0 {
+            // The chord is only near the seam: once more with the tangent there.
+            let tangent = Frame::mixed_tangent(near, far, share)?;
+            let position = Frame::mixed_position(near, far, share);
+            share = (share + (p - position).dot(&tangent) * sign / gap).clamp(0.0, 1.0);
+        }
+        let position = Frame::mixed_position(near, far, share);
+        let tangent = Frame::mixed_tangent(near, far, share)?;
+        let off = (p - position).dot(&tangent);
+        let offset = p - position - tangent * off;
+        if off.abs() > self.step_mm || offset.norm_squared() > reach_mm * reach_mm {
+            return None;
+        }
+        let frame = Frame::about(position, tangent, Frame::mixed_faces(near, far, share))?;
+        let beyond = if gap > 0.0 { 0.0 } else { ahead };
+        Some(Foot { s: nearest as f32 * self.step_mm + sign * share * self.step_mm + beyond, offset, frame })
     }
-    let (position, tangent) = (mixed_position(near, far, share), mixed_tangent(near, far, share)?);
-    let off = (p - position).dot(&tangent);
-    let d = p - position - tangent * off;
-    if off.abs() > step_mm || d.norm_squared() > reach_mm * reach_mm {
-        return None;
+
+    /// The station on the other side of a point that is `ahead` of its nearest one, or behind it.
+    fn beyond(&self, nearest: usize, ahead: f32) -> usize {
+        let n = self.frames.len();
+        match (ahead >= 0.0, self.closed) {
+            (true, true) => (nearest + 1) % n,
+            (false, true) => (nearest + n - 1) % n,
+            (true, false) => (nearest + 1).min(n - 1),
+            (false, false) => nearest.saturating_sub(1),
+        }
     }
-    let faces = [0, 1].map(|k| blend(&near.faces[k], &far.faces[k], share));
-    let foot = Frame::about(position, tangent, faces)?;
-    let s = nearest as f32 * step_mm + sign * share * step_mm + if gap > 0.0 { 0.0 } else { ahead };
-    Some((s, d, foot))
-}
-
-fn blend(a: &Vector3<f32>, b: &Vector3<f32>, share: f32) -> Vector3<f32> {
-    a * (1.0 - share) + b * share
-}
-
-fn mixed_position(a: &Frame, b: &Frame, share: f32) -> Point3<f32> {
-    a.position + (b.position - a.position) * share
-}
-
-fn mixed_tangent(a: &Frame, b: &Frame, share: f32) -> Option<Vector3<f32>> {
-    blend(&a.tangent, &b.tangent, share).try_normalize(LEAST_TANGENT)
 }

@@ -3,16 +3,24 @@
 //! The faces of a seam are averages over the views that saw them; an error of a view's pose moves its share of a face.
 //! The covariance of all poses is carried through the shares and through the intersection of the two faces.
 
+use super::Refined;
+use super::frame::{CrossAxes, Frame};
 use crate::geometry::cloud::Merged;
+use crate::geometry::point_to_plane;
 use crate::model::reconstruction::Registration;
-use crate::seam::refine::Refined;
 use nalgebra::{DMatrix, Matrix2, Matrix3, Matrix3x2, RowDVector, Vector3, Vector6};
 
-/// Errors of the method itself that no covariance knows, mm and rad.
+/// Errors of the method itself that no covariance knows, mm and rad. Chosen on the simulated scans.
 const FLOOR_MM: f64 = 0.015;
 const FLOOR_RAD: f64 = 0.001;
 /// Expected errors are meant to be exceeded rarely, not half of the time.
 const CAUTION: f64 = 1.4;
+/// A median distance in two dimensions over its root mean square: `√ln 2`, the median of a Rayleigh distribution.
+const MEDIAN_OF_RMS: f64 = 0.83;
+/// Stations of a seam, evenly, whose variances are averaged.
+const STATIONS: usize = 20;
+/// Share of the largest contribution to a seam's variance from which on a view is named.
+const NAMED_SHARE: f64 = 0.5;
 
 /// Expected root mean square errors of a seam.
 #[derive(Debug, Clone, PartialEq)]
@@ -39,15 +47,16 @@ pub fn expect(seam: &Refined, merged: &Merged, registration: Option<&Registratio
     let (moved_mm2, turned_rad2) = (poses.position_mm2.trace(), poses.orientation_rad2);
     let eigen = poses.position_mm2.symmetric_eigen();
     let most = poses.by_view_mm2.iter().copied().fold(0.0, f64::max);
-    // A median distance in two dimensions is 0.83 of its root mean square.
-    let noise_mm = seam.scatter_mm / 0.83 * kept;
+    let noise_mm = seam.scatter_mm / MEDIAN_OF_RMS * kept;
     let tilt_rad = seam.tilt_rad * kept;
     Expected {
         position_mm: CAUTION * (noise_mm.powi(2) + moved_mm2 + FLOOR_MM.powi(2)).sqrt(),
         registration_mm: moved_mm2.sqrt(),
         orientation_rad: CAUTION * (tilt_rad.powi(2) + turned_rad2 + FLOOR_RAD.powi(2)).sqrt(),
         loosest: eigen.eigenvectors.column(eigen.eigenvalues.imax()).into_owned(),
-        loose_views: (0..poses.by_view_mm2.len()).filter(|&k| poses.by_view_mm2[k] > 0.5 * most).collect(),
+        loose_views: (0..poses.by_view_mm2.len())
+            .filter(|&k| poses.by_view_mm2[k] > NAMED_SHARE * most)
+            .collect(),
     }
 }
 
@@ -71,26 +80,21 @@ fn registered(seam: &Refined, merged: &Merged, registration: &Registration) -> P
         return poses;
     }
     let mut count = 0.0;
-    for (frame, shares) in seam.frames.iter().zip(&seam.view_share).step_by((seam.frames.len() / 20).max(1)) {
+    for (frame, shares) in
+        seam.frames.iter().zip(&seam.view_share).step_by((seam.frames.len() / STATIONS).max(1))
+    {
         let arm = merged.origin_mm + frame.position.coords.cast::<f64>() - registration.centre_mm;
         let normals = frame.faces.map(|n| n.cast::<f64>());
-        let part = |k: usize| {
-            let turn = arm.cross(&normals[k]);
-            [turn.x, turn.y, turn.z, normals[k].x, normals[k].y, normals[k].z]
-        };
-        let row = |k: usize| pose_row(&shares[k], covariance.ncols(), |row| row.copy_from_slice(&part(k)));
+        let part = normals.map(|normal| point_to_plane::row(&arm, &normal));
+        let row = |k: usize| pose_row(&shares[k], covariance.ncols(), &part[k]);
         let rows = [row(0), row(1)];
         let heights = Matrix2::from_fn(|a, b| (&rows[a] * covariance * rows[b].transpose())[0]);
-        let (o, n) = (frame.tangent.cross(&frame.bisector()).cast::<f64>(), frame.bisector().cast::<f64>());
-        let faces =
-            Matrix2::new(normals[0].dot(&o), normals[0].dot(&n), normals[1].dot(&o), normals[1].dot(&n));
-        let Some(inverse) = faces.try_inverse() else { continue };
-        let across = Matrix3x2::from_columns(&[o, n]) * inverse;
+        let Some(across) = across(frame, &normals) else { continue };
         poses.position_mm2 += across * heights * across.transpose();
         poses.orientation_rad2 += rotation_variance(shares, covariance);
         for (view, sum) in poses.by_view_mm2.iter_mut().enumerate().skip(1) {
             for (k, share) in shares.iter().enumerate() {
-                let own = Vector6::from(part(k)) * f64::from(share.get(view).copied().unwrap_or(0.0));
+                let own = part[k] * f64::from(share.get(view).copied().unwrap_or(0.0));
                 *sum += (own.transpose() * registration.covariance_of(view) * own)[0];
             }
         }
@@ -101,11 +105,17 @@ fn registered(seam: &Refined, merged: &Merged, registration: &Registration) -> P
     poses
 }
 
+/// From heights of both faces to the place across the seam where they meet, base frame.
+fn across(frame: &Frame, normals: &[Vector3<f64>; 2]) -> Option<Matrix3x2<f64>> {
+    let CrossAxes { o, n } = frame.cross_section();
+    let (o, n) = (o.cast::<f64>(), n.cast::<f64>());
+    let faces = Matrix2::new(normals[0].dot(&o), normals[0].dot(&n), normals[1].dot(&o), normals[1].dot(&n));
+    Some(Matrix3x2::from_columns(&[o, n]) * faces.try_inverse()?)
+}
+
 /// The row that sums the contributions of all views but the first, each weighted by its share.
-fn pose_row(shares: &[f32], columns: usize, fill: impl Fn(&mut [f64])) -> RowDVector<f64> {
+fn pose_row(shares: &[f32], columns: usize, part: &Vector6<f64>) -> RowDVector<f64> {
     let mut row = RowDVector::zeros(columns);
-    let mut part = [0.0; 6];
-    fill(&mut part);
     for (view, &share) in shares.iter().enumerate().skip(1) {
         for (d, value) in part.iter().enumerate() {
             row[6 * (view - 1) + d] = f64::from(share) * value;
@@ -118,7 +128,8 @@ fn pose_row(shares: &[f32], columns: usize, fill: impl Fn(&mut [f64])) -> RowDVe
 fn rotation_variance(shares: &[Vec<f32>; 2], covariance: &DMatrix<f64>) -> f64 {
     let mean: Vec<f32> = shares[0].iter().zip(&shares[1]).map(|(a, b)| 0.5 * (a + b)).collect();
     let about = |axis: Vector3<f64>| {
-        let row = pose_row(&mean, covariance.ncols(), |row| row[..3].copy_from_slice(axis.as_slice()));
+        let turn = Vector6::new(axis.x, axis.y, axis.z, 0.0, 0.0, 0.0);
+        let row = pose_row(&mean, covariance.ncols(), &turn);
         (&row * covariance * row.transpose())[0]
     };
     about(Vector3::x()) + about(Vector3::y()) + about(Vector3::z())

@@ -1,33 +1,36 @@
 //! Robust surface fits beside a seam: height off a face as a low polynomial (ours).
 
-use crate::seam::refine::beside::Beside;
-use nalgebra::{Matrix3, Matrix4, Vector4};
+use crate::geometry::statistics::{DEVIATION_OF_MEDIAN, median};
+use nalgebra::{Matrix4, Vector4};
 use wide::f64x2;
 
 /// A fitted face at one station: `h = offset + slope u + bend u² + ...` with the terms along the seam taken out.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Fit {
+#[derive(Debug, Clone, Copy)]
+pub struct FaceFit {
     /// Height of the face at the seam, mm.
     pub offset: f64,
     /// Change of height per mm away from the seam.
     pub slope: f64,
     /// Coefficient of `u²`, 1/mm.
     pub bend: f64,
+    /// How well the points fit.
+    pub quality: FitQuality,
+}
+
+/// How well points fit, and where they are.
+#[derive(Debug, Clone, Copy)]
+pub struct FitQuality {
     /// Robust standard deviation of the points, mm.
     pub sigma: f64,
-    /// Sum of the weights.
-    pub weight: f64,
     /// Nearest and farthest support along the seam relative to the station, mm.
     pub support: (f64, f64),
-    /// Variance of `offset` for unit `sigma`, were the points independent.
-    pub offset_variance: f64,
-    /// Variance of `slope` for unit `sigma`, were the points independent.
+    /// Variance of the slope for unit `sigma`, were the points independent, 1/mm²; 0 of a slope that was not fitted.
     pub slope_variance: f64,
 }
 
 /// A point of a fit: distance along the seam from the station, distance from the seam, height, prior weight.
 #[derive(Debug, Clone, Copy)]
-pub struct Sample {
+pub struct FacePoint {
     /// Along the seam from the station, mm.
     pub d: f64,
     /// From the seam along the face, mm.
@@ -39,19 +42,31 @@ pub struct Sample {
 }
 
 /// Least noise that is assumed, mm: keeps exact data from making every point an outlier.
-const LEAST_SIGMA_MM: f64 = 0.005;
+pub(super) const LEAST_SIGMA_MM: f64 = 0.005;
+/// Standard deviations from which a point no longer counts in a fit: Tukey's bisquare is efficient to 95 % at 4.685; a
+/// little less bears more outliers. Chosen on the simulated scans.
+pub(super) const OUTLIER_DEVIATIONS: f64 = 4.0;
+/// Rounds of weighing and fitting of a face, and of its curvature.
+const FIT_ROUNDS: usize = 5;
+const BEND_ROUNDS: usize = 3;
+/// Fewer points make no fit, nor less than this share of their number in weight; fewer show no curvature.
+const LEAST_POINTS: usize = 25;
+const LEAST_WEIGHT_SHARE: f64 = 0.2;
+const LEAST_BEND_POINTS: usize = 60;
+/// Half lengths of a window that the points must span for a term in `d²`.
+const FULL_HALVES: f64 = 1.2;
 
 /// Four terms of a fit at a sample, in pairs.
 #[derive(Clone, Copy)]
-struct Row([f64x2; 2]);
+struct Terms([f64x2; 2]);
 
-impl Row {
+impl Terms {
     fn new(terms: [f64; 4]) -> Self {
         let [a, b, c, d] = terms;
         Self([f64x2::new([a, b]), f64x2::new([c, d])])
     }
 
-    fn dot(&self, x: &Row) -> f64 {
+    fn dot(&self, x: &Terms) -> f64 {
         let [even, odd] = (self.0[0] * x.0[0] + self.0[1] * x.0[1]).to_array();
         even + odd
     }
@@ -65,7 +80,7 @@ struct Equations {
 }
 
 impl Equations {
-    fn add(&mut self, row: &Row, weight: f64, height: f64) {
+    fn add(&mut self, row: &Terms, weight: f64, height: f64) {
         let [[a, b], [c, d]] = row.0.map(f64x2::to_array);
         let put = |to: &mut [f64x2; 2], factor: f64| (0..2).for_each(|k| to[k] += row.0[k] * factor);
         self.columns.iter_mut().zip([a, b, c, d]).for_each(|(column, term)| put(column, weight * term));
@@ -101,9 +116,9 @@ impl Scratch {
     /// Weighted bisquare fit of `height` over the terms of `row`; where the fourth is always 0, it is not `curved`.
     fn solve(
         &mut self,
-        samples: &[Sample],
-        row: impl Fn(&Sample) -> Row,
-        height: impl Fn(&Sample) -> f64,
+        samples: &[FacePoint],
+        row: impl Fn(&FacePoint) -> Terms,
+        height: impl Fn(&FacePoint) -> f64,
         curved: bool,
         rounds: usize,
     ) -> Option<Solution> {
@@ -126,15 +141,14 @@ impl Scratch {
             }
             let inverse = matrix.try_inverse()?;
             let x = inverse * equations.pull();
-            let solved = Row::new(x.into());
+            let solved = Terms::new(x.into());
             for (s, miss) in samples.iter().zip(&mut *misses) {
                 *miss = (height(s) - row(s).dot(&solved)).abs();
             }
             sorted.clear();
             sorted.extend(misses.iter().map(|miss| miss.to_bits()));
-            let sigma =
-                (1.4826 * f64::from_bits(crate::geometry::statistics::median(sorted))).max(LEAST_SIGMA_MM);
-            limit = 4.0 * sigma;
+            let sigma = (DEVIATION_OF_MEDIAN * f64::from_bits(median(sorted))).max(LEAST_SIGMA_MM);
+            limit = OUTLIER_DEVIATIONS * sigma;
             solution = Some(Solution { x, inverse, weight, sigma });
         }
         solution
@@ -142,125 +156,32 @@ impl Scratch {
 }
 
 /// Weighted bisquare fit of `h - bend u²` over `1, u, d` and, where the window is full, `d²`.
-pub fn fit(samples: &[Sample], bend: f64, half_mm: f64, scratch: &mut Scratch) -> Option<Fit> {
-    let least = 25;
-    if samples.len() < least {
+pub fn fit(samples: &[FacePoint], bend: f64, half_mm: f64, scratch: &mut Scratch) -> Option<FaceFit> {
+    if samples.len() < LEAST_POINTS {
         return None;
     }
     let (low, high) = samples.iter().fold((f64::MAX, f64::MIN), |(l, h), s| (l.min(s.d), h.max(s.d)));
-    let quadratic = high - low > 1.2 * half_mm;
-    let height = |s: &Sample| s.h - bend * s.u * s.u;
-    let row = |s: &Sample| Row::new([1.0, s.u, s.d, if quadratic { s.d * s.d } else { 0.0 }]);
-    let Solution { x, inverse, weight, sigma } = scratch.solve(samples, row, height, quadratic, 5)?;
-    (weight > 0.2 * least as f64).then_some(Fit {
-        offset: x[0],
-        slope: x[1],
-        bend,
-        sigma,
-        weight,
-        support: (low, high),
-        offset_variance: inverse[(0, 0)],
-        slope_variance: inverse[(1, 1)],
-    })
+    let quadratic = high - low > FULL_HALVES * half_mm;
+    let height = |s: &FacePoint| s.h - bend * s.u * s.u;
+    let row = |s: &FacePoint| Terms::new([1.0, s.u, s.d, if quadratic { s.d * s.d } else { 0.0 }]);
+    let Solution { x, inverse, weight, sigma } =
+        scratch.solve(samples, row, height, quadratic, FIT_ROUNDS)?;
+    let quality = FitQuality { sigma, support: (low, high), slope_variance: inverse[(1, 1)] };
+    let fit = FaceFit { offset: x[0], slope: x[1], bend, quality };
+    (weight > LEAST_WEIGHT_SHARE * LEAST_POINTS as f64).then_some(fit)
 }
 
-fn bisquare(miss: f64) -> f64 {
+/// Tukey's weight of a miss, in the distance from which on it is 0.
+pub(super) fn bisquare(miss: f64) -> f64 {
     let rest = 1.0 - miss * miss;
     if rest > 0.0 { rest * rest } else { 0.0 }
 }
 
 /// Coefficient of `u²` of one station, by a robust fit over `1, u, d, u²`.
-pub fn bend(samples: &[Sample], scratch: &mut Scratch) -> Option<f64> {
-    if samples.len() < 60 {
+pub fn bend(samples: &[FacePoint], scratch: &mut Scratch) -> Option<f64> {
+    if samples.len() < LEAST_BEND_POINTS {
         return None;
     }
-    let row = |s: &Sample| Row::new([1.0, s.u, s.d, s.u * s.u]);
-    scratch.solve(samples, row, |s| s.h, true, 3).map(|solution| solution.x[3])
-}
-
-/// Scales of [`reach`], mm.
-#[derive(Debug, Clone, Copy)]
-pub struct Reach {
-    /// Points nearer to the seam are left out.
-    pub from_mm: f32,
-    /// Part next to the seam that is taken for the face without question.
-    pub inner_mm: f32,
-    /// Farthest that is ever used.
-    pub most_mm: f32,
-}
-
-/// How far a face extends from the seam before it bends away or ends, mm.
-///
-/// A robust parabola over the inner part is continued outward; the face ends at the first strip whose median departs
-/// from it, or in which points are missing. A lip inside the window would cost half a millimetre.
-pub fn reach(points: &[Beside], scale: &Reach) -> f32 {
-    let inner: Vec<Sample> = points
-        .iter()
-        .filter(|p| p.u > scale.from_mm && p.u < scale.inner_mm)
-        .map(|p| Sample { d: 0.0, u: f64::from(p.u), h: f64::from(p.h), w: 1.0 })
-        .collect();
-    if inner.len() < 100 {
-        return scale.inner_mm.min(scale.most_mm);
-    }
-    let Some((curve, sigma)) = parabola(&inner) else { return scale.inner_mm };
-    let strip = 0.077 * scale.inner_mm;
-    let strips = (scale.most_mm / strip) as usize + 1;
-    let mut heights: Vec<Vec<f32>> = vec![Vec::new(); strips];
-    for p in points.iter().filter(|p| p.u > 0.0) {
-        if let Some(strip) = heights.get_mut((p.u / strip) as usize) {
-            strip.push(p.h);
-        }
-    }
-    let first = (scale.from_mm / strip) as usize + 1;
-    let last_inner = (scale.inner_mm / strip) as usize;
-    let mut counts: Vec<f32> =
-        heights[first..last_inner.min(strips)].iter().map(|h| h.len() as f32).collect();
-    let usual = crate::geometry::statistics::median(&mut counts);
-    let gate = (0.6 * sigma).max(0.015);
-    for (k, strip_heights) in heights.iter_mut().enumerate().skip(last_inner - 2) {
-        let begin = k as f32 * strip;
-        if (strip_heights.len() as f32) < 0.35 * usual {
-            return (begin - strip).max(0.6 * scale.inner_mm);
-        }
-        let middle = f64::from(begin + 0.5 * strip);
-        let expected = curve[0] + curve[1] * middle + curve[2] * middle * middle;
-        let drift = 0.02 * (middle - f64::from(scale.inner_mm)).max(0.0);
-        if (f64::from(crate::geometry::statistics::median(strip_heights)) - expected).abs() > gate + drift {
-            return (begin - 2.5 * strip).max(0.6 * scale.inner_mm);
-        }
-    }
-    scale.most_mm
-}
-
-/// Robust `1, u, u²` with the curvature dropped where it is not significant; and the noise.
-fn parabola(samples: &[Sample]) -> Option<([f64; 3], f64)> {
-    let solve = |curved: bool| {
-        let row = |s: &Sample| nalgebra::Vector3::new(1.0, s.u, if curved { s.u * s.u } else { 0.0 });
-        let (mut x, mut limit, mut inverse, mut sigma) =
-            (nalgebra::Vector3::zeros(), f64::INFINITY, Matrix3::zeros(), 0.0);
-        for round in 0..4 {
-            let (mut a, mut b) = (Matrix3::zeros(), nalgebra::Vector3::zeros());
-            for s in samples {
-                let r = row(s);
-                let w = if round == 0 { 1.0 } else { bisquare((s.h - r.dot(&x)) / limit) };
-                a.ger(w, &r, &r, 1.0);
-                b.axpy(w * s.h, &r, 1.0);
-            }
-            if !curved {
-                a[(2, 2)] = 1.0;
-            }
-            inverse = a.try_inverse()?;
-            x = inverse * b;
-            let mut misses: Vec<f64> = samples.iter().map(|s| (s.h - row(s).dot(&x)).abs()).collect();
-            sigma = (1.4826 * crate::geometry::statistics::median(&mut misses)).max(LEAST_SIGMA_MM);
-            limit = 4.0 * sigma;
-        }
-        Some((x, (inverse[(2, 2)] * 8.0).sqrt() * sigma, sigma))
-    };
-    let (x, deviation, sigma) = solve(true)?;
-    if x[2].abs() >= 6.0 * deviation {
-        return Some(([x[0], x[1], x[2]], sigma));
-    }
-    let (x, _, sigma) = solve(false)?;
-    Some(([x[0], x[1], 0.0], sigma))
+    let row = |s: &FacePoint| Terms::new([1.0, s.u, s.d, s.u * s.u]);
+    scratch.solve(samples, row, |s| s.h, true, BEND_ROUNDS).map(|solution| solution.x[3])
 }

@@ -1,15 +1,18 @@
 //! One seam for one corner (ours): where two refined seams run over each other, the longer keeps the stretch.
 
+use super::Refined;
+use super::frame::Frame;
+use super::stretch::longest_run;
 use crate::geometry::grid::Grid;
-use crate::seam::refine::Refined;
-use crate::seam::refine::beside::Frame;
+
+// All chosen on the simulated scans.
 
 /// Two stations are the same place within this distance, voxels, and these angles' cosines.
 const NEAR_VOXELS: f32 = 2.0;
 const SAME_DIRECTION: f32 = 0.9;
 const SAME_FACE: f32 = 0.8;
 
-/// Cuts every seam to what no longer one has; what is then shorter than `shortest_mm` is dropped.
+/// Cuts every seam to the stretch along which no longer seam runs; what is then shorter than `shortest_mm` is dropped.
 pub fn apart<T>(mut seams: Vec<(T, Refined)>, voxel_mm: f32, shortest_mm: f32) -> Vec<(T, Refined)> {
     let length = |s: &Refined| s.step_mm * s.frames.len() as f32;
     seams.sort_by(|a, b| length(&b.1).total_cmp(&length(&a.1)));
@@ -29,7 +32,7 @@ pub fn apart<T>(mut seams: Vec<(T, Refined)>, voxel_mm: f32, shortest_mm: f32) -
             seam.frames.iter().map(is_free).collect()
         };
         if free.iter().any(|f| !f) {
-            let Some(range) = crate::seam::refine::stretch::longest_run(&free, 0) else { continue };
+            let Some(range) = longest_run(&free, 0) else { continue };
             seam.keep(range.0..range.1);
             if length(&seam) < shortest_mm {
                 continue;

@@ -4,8 +4,11 @@
 //! discrete form (Whittaker 1923). Neighbouring stations share points, so whole blocks are left out in the validation;
 //! leaving out single stations would choose curves that follow the noise.
 
+use crate::geometry::statistics::median;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
+
+// All chosen on the simulated scans.
 
 /// Stiffness candidates, mm³ per unit weight, softest first; the last is a straight line in practice.
 const STIFFNESS: [f64; 8] = [1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e9, 1e11];
@@ -13,6 +16,15 @@ const STIFFNESS: [f64; 8] = [1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e9, 1e11];
 const FOLDS: usize = 4;
 /// A stiffer curve is taken when its validation error is within this factor of the best.
 const CLOSE: f64 = 1.06;
+/// Squared misses of more than this many medians are outliers: beyond three times the usual miss.
+const CAP_MEDIANS: f64 = 9.0;
+/// Fewest blocks that a curve is parted into.
+const LEAST_BLOCKS: usize = 6;
+/// Standard errors by which a straight line, and any other curve, may be worse than the best to be taken.
+const STRAIGHT_ERRORS: f64 = 2.0;
+const CURVED_ERRORS: f64 = 1.0;
+/// Least weight, which keeps stations without points from making the equations singular.
+const LEAST_WEIGHT: f64 = 1e-12;
 
 /// Shapes that no penalty shrinks, richest first: harmonics of a loop, as a tube on a flat or round face is a low one, and
 /// degrees of an open curve, as a short arc is nearly a parabola.
@@ -20,6 +32,8 @@ const HARMONICS: [usize; 4] = [6, 4, 2, 1];
 const DEGREES: [usize; 2] = [3, 2];
 /// Degree below a spline for the rest: what that is shrunk by no longer pulls the ends of a long arc inward.
 const MIXED_DEGREE: usize = 5;
+/// Stiffness candidates of that spline, mm³ per unit weight.
+const MIXED_STIFFNESS: [f64; 3] = [1e3, 1e4, 1e5];
 /// From here on a spline is stiffer than any of these shapes.
 const STRAIGHT: f64 = 1e8;
 
@@ -38,7 +52,11 @@ impl Curve {
     /// Standard errors by which it may be worse than the best to be taken. Most seams are straight, and the best of a dozen
     /// softer curves looks better than a straight line by chance.
     fn deviations(self) -> f64 {
-        if matches!(self, Self::Spline(stiffness) if stiffness > STRAIGHT) { 2.0 } else { 1.0 }
+        if matches!(self, Self::Spline(stiffness) if stiffness > STRAIGHT) {
+            STRAIGHT_ERRORS
+        } else {
+            CURVED_ERRORS
+        }
     }
 
     /// Effective number of free parameters per coordinate over a length.
@@ -75,25 +93,12 @@ impl<const D: usize> Samples<'_, D> {
     /// The stiffest curve that predicts left-out blocks of `block_mm` about as well as the best.
     pub fn stiffest(&self, block_mm: f64) -> Curve {
         let n = self.values.len();
-        let fitting = ((block_mm / self.step_mm).ceil() as usize).min(n / 6).max(1);
-        let splines = |straight: bool| {
-            STIFFNESS.into_iter().filter(move |s| (*s > STRAIGHT) == straight).map(Curve::Spline)
-        };
-        let (shapes, base) =
-            if self.closed { (&HARMONICS[..], HARMONICS[1]) } else { (&DEGREES[..], MIXED_DEGREE) };
-        let mixed = [1e3, 1e4, 1e5].map(|s| Curve::Both(base, s));
-        let shaped = mixed.into_iter().chain(shapes.iter().map(|&most| Curve::Shape(most)));
-        let curves: Vec<Curve> = if self.closed {
-            splines(false).chain(splines(true)).chain(shaped).collect()
-        } else {
-            splines(false).chain(shaped).chain(splines(true)).collect()
-        };
+        let fitting = ((block_mm / self.step_mm).ceil() as usize).min(n / LEAST_BLOCKS).max(1);
+        let curves = self.candidates();
         let misses: Vec<Vec<Miss>> = curves.par_iter().map(|&c| self.misses(c, fitting)).collect();
         // Large misses are outliers, not evidence; one bound for all, or soft curves would hide theirs.
-        let middle = |m: &Vec<Miss>| {
-            crate::geometry::statistics::median(&mut m.iter().map(|x| x.squared).collect::<Vec<_>>())
-        };
-        let cap = 9.0 * misses.iter().map(middle).fold(f64::INFINITY, f64::min);
+        let middle = |m: &Vec<Miss>| median(&mut m.iter().map(|x| x.squared).collect::<Vec<_>>());
+        let cap = CAP_MEDIANS * misses.iter().map(middle).fold(f64::INFINITY, f64::min);
         let errors: Vec<Vec<f64>> =
             misses.iter().map(|m| block_errors(m, cap, n.div_ceil(fitting))).collect();
         let total = |e: &Vec<f64>| e.iter().sum::<f64>();
@@ -104,6 +109,22 @@ impl<const D: usize> Samples<'_, D> {
         };
         let pick = best.and_then(close).map_or(0, |from_end| curves.len() - 1 - from_end);
         curves[pick]
+    }
+
+    /// Curves to choose from, softest first.
+    fn candidates(&self) -> Vec<Curve> {
+        let splines = |straight: bool| {
+            STIFFNESS.into_iter().filter(move |s| (*s > STRAIGHT) == straight).map(Curve::Spline)
+        };
+        let (shapes, base) =
+            if self.closed { (&HARMONICS[..], HARMONICS[1]) } else { (&DEGREES[..], MIXED_DEGREE) };
+        let mixed = MIXED_STIFFNESS.map(|s| Curve::Both(base, s));
+        let shaped = mixed.into_iter().chain(shapes.iter().map(|&most| Curve::Shape(most)));
+        if self.closed {
+            splines(false).chain(splines(true)).chain(shaped).collect()
+        } else {
+            splines(false).chain(shaped).chain(splines(true)).collect()
+        }
     }
 
     /// Squared miss and weight of samples, predicted by a curve that saw neither their block nor half a block beside it.
@@ -225,7 +246,7 @@ fn whittaker<const D: usize>(values: &[[f64; D]], weights: &[f64], penalty: f64)
     }
     let mut bands = vec![[0.0f64; 3]; n];
     for (k, band) in bands.iter_mut().enumerate() {
-        band[0] = weights[k].max(1e-12);
+        band[0] = weights[k].max(LEAST_WEIGHT);
     }
     for k in 0..n - 2 {
         for (i, a) in [1.0, -2.0, 1.0].into_iter().enumerate() {
@@ -235,8 +256,15 @@ fn whittaker<const D: usize>(values: &[[f64; D]], weights: &[f64], penalty: f64)
         }
     }
     let mut f: Vec<[f64; D]> =
-        values.iter().zip(weights).map(|(y, &w)| y.map(|v| v * w.max(1e-12))).collect();
-    // LDLᵀ in place: band[0] becomes the pivot, band[1..] the multipliers below it.
+        values.iter().zip(weights).map(|(y, &w)| y.map(|v| v * w.max(LEAST_WEIGHT))).collect();
+    solved(&mut bands, &mut f);
+    f
+}
+
+/// Solves five symmetric diagonals for the right sides `f`, by LDLᵀ in place: `band[0]` becomes the pivot, `band[1..]` the
+/// multipliers below it.
+fn solved<const D: usize>(bands: &mut [[f64; 3]], f: &mut [[f64; D]]) {
+    let n = f.len();
     for k in 0..n {
         let pivot = bands[k][0];
         for i in 1..3.min(n - k) {
@@ -260,7 +288,6 @@ fn whittaker<const D: usize>(values: &[[f64; D]], weights: &[f64], penalty: f64)
         }
         f[k] = row.map(|v| v / bands[k][0]);
     }
-    f
 }
 
 #[cfg(test)]

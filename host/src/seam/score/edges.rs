@@ -7,15 +7,27 @@
 use crate::geometry::grid::Grid;
 use crate::geometry::grid::lanes::exp;
 use crate::geometry::grid::sweep::{Around, Eight};
-use crate::model::downsampling::Voxels;
+use crate::geometry::statistics::median;
+use crate::seam::input::SurfaceModel;
 use nalgebra::{Point3, Vector3};
 use weldpath_core::seam::Tensor;
 use weldpath_core::seam::gradient::MIN_SHARE;
 use wide::f32x8;
 
+/// The gate, in medians of the intensity. Chosen on the simulated scans.
+const GATE_MEDIANS: f32 = 1.8;
 /// Bounds of the gate: flat surfaces stay below the first, the points of any corner of less than 130 degrees exceed the second.
 const FLAT: f32 = 0.10;
 const CORNER: f32 = 0.13;
+/// Least concavity of a candidate, as a share of the gate. Chosen on the simulated scans.
+const CONCAVE: f32 = 0.5;
+/// Variance of the distances, as a share of their squared mean, below which it is rounding.
+const LEAST_VARIANCE: f32 = 1e-6;
+
+/// How the gate follows from the cloud, in words.
+pub fn gate_in_words() -> String {
+    format!("{GATE_MEDIANS} x median intensity, between {FLAT:.2} and {CORNER:.2}")
+}
 
 /// Scores of the points of a cloud, in its order.
 #[derive(Debug, Clone, Default)]
@@ -28,17 +40,28 @@ pub struct Scores {
     pub gate: f32,
 }
 
-/// Scores every point of the denoised model by its [`asymmetries`]; `grid` indexes the model's points.
-pub fn score(voxels: &Voxels, grid: &Grid, asymmetries: &[Vector3<f32>]) -> Scores {
+impl Scores {
+    /// Points that may lie at an inside corner.
+    pub fn candidates(&self) -> Vec<usize> {
+        (0..self.intensity.len())
+            .filter(|&k| self.intensity[k] > self.gate && self.concavity[k] > CONCAVE * self.gate)
+            .collect()
+    }
+}
+
+/// Scores every point of the denoised model by its [`asymmetries`].
+pub fn score(model: &SurfaceModel) -> Scores {
+    let SurfaceModel { voxels, index, asymmetries, .. } = model;
     debug_assert_eq!(voxels.cloud.len(), asymmetries.len());
-    let mut scores = Scores { intensity: vec![0.0; grid.len()], concavity: vec![0.0; grid.len()], gate: 0.0 };
+    let mut scores =
+        Scores { intensity: vec![0.0; index.len()], concavity: vec![0.0; index.len()], gate: 0.0 };
     for (slot, shift) in asymmetries.iter().enumerate() {
-        let k = grid.index(slot);
+        let k = index.index(slot);
         scores.intensity[k] = shift.norm();
         scores.concavity[k] = shift.dot(&voxels.toward_camera[k]);
     }
-    let median = crate::geometry::statistics::median(&mut scores.intensity.clone());
-    scores.gate = (1.8 * median).clamp(FLAT, CORNER);
+    let median = median(&mut scores.intensity.clone());
+    scores.gate = (GATE_MEDIANS * median).clamp(FLAT, CORNER);
     scores
 }
 
@@ -115,7 +138,7 @@ fn falloff_per_mm2<const C: usize>(at: Point3<f32>, around: &Around<C>, limit: f
     let others = (count.reduce_add() - 1.0).max(1.0);
     let mean = distances.reduce_add() / others;
     let variance = squares.reduce_add() / others - mean * mean;
-    if variance > 1e-6 * mean * mean { 0.5 / variance } else { 0.0 }
+    if variance > LEAST_VARIANCE * mean * mean { 0.5 / variance } else { 0.0 }
 }
 
 #[cfg(test)]

@@ -1,16 +1,18 @@
 //! The paper's own extraction (II-E, eqs. (11)-(17)), for comparison: the ratio test alone, no gate, no joint types, edge
 //! points ordered as they come, the normal of the surroundings as the torch axis.
 
+use super::edges;
 use super::sparse::Sparse;
 use crate::geometry::cloud::PointCloud;
 use crate::geometry::grid::Grid;
-use crate::seam::{Found, INDEX_VOXELS, Input, Joint, Seam, Station, edges};
+use crate::seam::input::{INDEX_VOXELS, SurfaceModel};
+use crate::seam::{Found, Joint, Seam, Station};
 use nalgebra::Vector3;
 use weldpath_core::seam::{RatioThreshold, Tensor};
 
 /// Every point whose `Tr³/Det` reaches the threshold, as one seam.
-pub fn find(input: &Input, ratio_threshold: f64) -> Found {
-    let Input { voxels, model, index, asymmetries, .. } = *input;
+pub fn find(surface: &SurfaceModel, ratio_threshold: f64) -> Found {
+    let SurfaceModel { voxels, cloud: model, index, asymmetries } = *surface;
     let Some(threshold) = RatioThreshold::new(ratio_threshold as f32) else {
         let reason =
             format!("t = {ratio_threshold} marks everything; it must exceed {}", RatioThreshold::FLOOR);
@@ -47,7 +49,7 @@ pub fn find(input: &Input, ratio_threshold: f64) -> Found {
         dimensions: vec![],
         warnings: vec!["the paper's method, for comparison only: do not weld this".into()],
     };
-    let intensity = edges::score(voxels, index, asymmetries).intensity;
+    let intensity = edges::score(surface).intensity;
     Found { seams: vec![seam], intensity, ..Found::default() }
 }
 

@@ -1,17 +1,17 @@
-//! Corners strung into seams: order, direction, closed loops (ours; the paper does not say how edge points are ordered).
+//! Corners strung into chains: order, direction, closed loops (ours).
 //!
 //! A trace starts at the best supported corner and walks along its line in both directions, from one averaged corner to
 //! the next, while direction and both faces agree. It ends at a junction by itself, because there a face changes, and it
 //! is closed when it comes back to its start.
 
+use super::obstruction;
+use super::{Chain, ChainLink, InsideCorner};
 use crate::geometry::grid::Grid;
-use crate::seam::trace::corner::Corner;
-use crate::seam::trace::obstruction;
 use nalgebra::{Point3, Vector3};
 
-/// How traces walk, in voxels and degrees.
+/// How traces walk, in voxels and degrees. The defaults were chosen on the simulated scans.
 #[derive(Debug, Clone, Copy)]
-pub struct Config {
+pub struct TraceConfig {
     /// Step along the line, voxels.
     pub step_voxels: f32,
     /// Farthest step that is tried where corners are missing, in steps.
@@ -26,7 +26,7 @@ pub struct Config {
     pub shortest_voxels: f32,
 }
 
-impl Default for Config {
+impl Default for TraceConfig {
     fn default() -> Self {
         Self {
             step_voxels: 1.7,
@@ -39,54 +39,51 @@ impl Default for Config {
     }
 }
 
-impl Config {
+impl TraceConfig {
     /// For valleys whose faces blend into each other: single corners there scatter and lean with where they were fitted.
     pub fn blurred(&self) -> Self {
         Self { step_voxels: 2.5, beside_voxels: 2.5, turn_deg: 30.0, tilt_deg: 40.0, ..*self }
     }
 }
 
-/// An ordered run of corners. The first of `faces` is the same face all along.
-#[derive(Debug, Clone, Default)]
-pub struct Chain {
-    /// In order.
-    pub links: Vec<Link>,
-    /// Whether the last is followed by the first.
-    pub closed: bool,
-    /// Number of corners that support it.
-    pub support: usize,
-    /// Mean share of the points about its corners that lie on the two faces.
-    pub share: f32,
-}
+// All chosen on the simulated scans.
 
-/// One averaged corner of a chain.
-#[derive(Debug, Clone, Copy)]
-pub struct Link {
-    /// On the line, mm.
-    pub position: Point3<f32>,
-    /// Unit, along the chain.
-    pub direction: Vector3<f32>,
-    /// Unit normals of the faces.
-    pub faces: [Vector3<f32>; 2],
-}
-
-impl Chain {
-    /// Length along the links, mm.
-    pub fn length_mm(&self) -> f32 {
-        self.links.windows(2).map(|w| (w[1].position - w[0].position).norm()).sum()
-    }
-}
+/// Corners that support each other lie within this, voxels; and fewer of them begin no trace.
+const SUPPORT_VOXELS: f32 = 3.0;
+const LEAST_SUPPORT: usize = 4;
+/// Half length of the stretch whose corners are averaged to a link, in steps: neighbouring links share some.
+const HALF_STEPS: f32 = 0.75;
+/// Fewer corners make no link.
+const LEAST_CORNERS: usize = 2;
+/// Share of its last turn by which a trace is expected to turn on.
+const TURNS_ON: f32 = 0.5;
+/// Least advance of a trace, in steps.
+const LEAST_ADVANCE: f32 = 0.3;
+/// A trace is home this near to its start, in steps, in about its direction, after more than so many links.
+const HOME_STEPS: f32 = 1.01;
+const HOME_LINKS: usize = 6;
+/// Cosine of directions that count as one.
+const SAME_DIRECTION: f32 = 0.8;
+/// Corners belong to a chain within this share of so many steps of a link; steps below a voxel count as one.
+const CLAIM_STEPS: f32 = 2.5;
+const CLAIM_SHARE: f32 = 0.6;
+/// A ghost has less than this share of another chain's corners to a link, and runs beside it for most of its links within
+/// this distance, voxels.
+const GHOST_SHARE: f32 = 0.6;
+const GHOST_VOXELS: f32 = 5.0;
+/// Links beyond one for every corner that no trace needs.
+const SPARE_LINKS: usize = 16;
 
 /// All chains, best supported first; `model` is what may stand in their way.
-pub fn trace(corners: &[Corner], model: &Grid, voxel_mm: f32, config: &Config) -> Vec<Chain> {
+pub fn trace(corners: &[InsideCorner], model: &Grid, voxel_mm: f32, config: &TraceConfig) -> Vec<Chain> {
     let positions: Vec<_> = corners.iter().map(|c| c.position).collect();
-    let grid = Grid::new(&positions, 3.0 * voxel_mm);
+    let grid = Grid::new(&positions, SUPPORT_VOXELS * voxel_mm);
     let mut tracer = Tracer { corners, grid, model, used: vec![false; corners.len()], voxel_mm, config };
     let mut seeds: Vec<(usize, usize)> = (0..corners.len()).map(|k| (tracer.support(k), k)).collect();
     seeds.sort_unstable_by(|a, b| b.cmp(a));
     let mut chains = Vec::new();
     for (support, seed) in seeds {
-        if support < 4 || tracer.used[seed] {
+        if support < LEAST_SUPPORT || tracer.used[seed] {
             continue;
         }
         let chain = tracer.grow(seed);
@@ -100,38 +97,40 @@ pub fn trace(corners: &[Corner], model: &Grid, voxel_mm: f32, config: &Config) -
 /// Whether a weak chain runs along a strong one: the same corner seen a second time, with a lip for a face.
 fn is_ghost(chain: &Chain, others: &[Chain], voxel_mm: f32) -> bool {
     let density = |c: &Chain| c.support as f32 / c.links.len() as f32;
-    let beside = |a: &Link, b: &Link| {
-        (a.position - b.position).norm() < 5.0 * voxel_mm && a.direction.dot(&b.direction).abs() > 0.8
+    let beside = |a: &ChainLink, b: &ChainLink| {
+        (a.position - b.position).norm() < GHOST_VOXELS * voxel_mm
+            && a.direction.dot(&b.direction).abs() > SAME_DIRECTION
     };
-    others.iter().filter(|o| density(chain) < 0.6 * density(o)).any(|other| {
+    others.iter().filter(|o| density(chain) < GHOST_SHARE * density(o)).any(|other| {
         let shadowed = chain.links.iter().filter(|a| other.links.iter().any(|b| beside(a, b))).count();
         2 * shadowed > chain.links.len()
     })
 }
 
+/// The corners of a cloud while chains are traced through them.
 struct Tracer<'a> {
-    corners: &'a [Corner],
+    corners: &'a [InsideCorner],
     grid: Grid,
     model: &'a Grid,
     used: Vec<bool>,
     voxel_mm: f32,
-    config: &'a Config,
+    config: &'a TraceConfig,
 }
 
 impl Tracer<'_> {
     /// Corners near a corner that continue it.
     fn support(&self, k: usize) -> usize {
         let c = &self.corners[k];
-        let link = Link { position: c.position, direction: c.direction, faces: c.faces };
+        let link = ChainLink::from(c);
         let mut count = 0;
-        self.grid.within(&c.position, 3.0 * self.voxel_mm, |slot, _| {
+        self.grid.within(&c.position, SUPPORT_VOXELS * self.voxel_mm, |slot, _| {
             count += usize::from(self.agrees(&self.corners[self.grid.index(slot)], &link).is_some());
         });
         count
     }
 
     /// A corner turned to agree with a link, if it can be.
-    fn agrees(&self, c: &Corner, link: &Link) -> Option<Link> {
+    fn agrees(&self, c: &InsideCorner, link: &ChainLink) -> Option<ChainLink> {
         let sign = c.direction.dot(&link.direction).signum();
         let direction = c.direction * sign;
         if direction.dot(&link.direction) < self.config.turn_deg.to_radians().cos() {
@@ -141,12 +140,12 @@ impl Tracer<'_> {
         let fits = |a: usize, b: usize| link.faces[0].dot(&c.faces[a]).min(link.faces[1].dot(&c.faces[b]));
         let (straight, swapped) = (fits(0, 1), fits(1, 0));
         let faces = if straight >= swapped { c.faces } else { [c.faces[1], c.faces[0]] };
-        (straight.max(swapped) > tilt).then_some(Link { position: c.position, direction, faces })
+        (straight.max(swapped) > tilt).then_some(ChainLink { position: c.position, direction, faces })
     }
 
     /// The average of the corners about a place ahead that agree with the link.
-    fn average(&self, ahead: &Point3<f32>, link: &Link) -> Option<(Link, usize)> {
-        let half = 0.75 * self.config.step_voxels * self.voxel_mm;
+    fn average(&self, ahead: &Point3<f32>, link: &ChainLink) -> Option<ChainLink> {
+        let half = HALF_STEPS * self.config.step_voxels * self.voxel_mm;
         let beside = self.config.beside_voxels * self.voxel_mm;
         let (mut place, mut direction, mut faces, mut count) =
             (Vector3::zeros(), Vector3::zeros(), [Vector3::zeros(); 2], 0);
@@ -164,24 +163,25 @@ impl Tracer<'_> {
             faces[1] += c.faces[1];
             count += 1;
         });
-        (count >= 2).then(|| {
+        (count >= LEAST_CORNERS).then(|| {
             let position = ahead + place / count as f32;
-            (Link { position, direction: direction.normalize(), faces: faces.map(|f| f.normalize()) }, count)
+            ChainLink { position, direction: direction.normalize(), faces: faces.map(|f| f.normalize()) }
         })
     }
 
+    /// The chain through a corner, both ways.
     fn grow(&mut self, seed: usize) -> Chain {
         let c = self.corners[seed];
-        let raw = Link { position: c.position, direction: c.direction, faces: c.faces };
-        let start = self.average(&c.position, &raw).map_or(raw, |(link, _)| link);
+        let raw = ChainLink::from(&c);
+        let start = self.average(&c.position, &raw).unwrap_or(raw);
         let mut chain = Chain { links: vec![start], ..Chain::default() };
         self.walk(&mut chain, &[]);
         if !chain.closed {
             let mut back = Chain::default();
-            back.links.push(Link { direction: -start.direction, ..start });
+            back.links.push(ChainLink { direction: -start.direction, ..start });
             self.walk(&mut back, &chain.links);
             let reversed = back.links.iter().skip(1).rev();
-            let turned = reversed.map(|l| Link { direction: -l.direction, ..*l });
+            let turned = reversed.map(|l| ChainLink { direction: -l.direction, ..*l });
             chain.links = turned.chain(chain.links.iter().copied()).collect();
         }
         let mine = self.claim(&chain);
@@ -191,44 +191,56 @@ impl Tracer<'_> {
     }
 
     /// Walks on from the last link until nothing agrees or the start comes round.
-    fn walk(&self, chain: &mut Chain, ahead_of: &[Link]) {
+    fn walk(&self, chain: &mut Chain, ahead_of: &[ChainLink]) {
         let step = self.config.step_voxels * self.voxel_mm;
-        let limit = self.corners.len() + 16;
+        let limit = self.corners.len() + SPARE_LINKS;
         while chain.links.len() < limit {
             let Some(last) = chain.links.last().copied() else { return };
-            let bend = chain.links.iter().rev().nth(1).map_or(last.direction, |before| {
-                // Look ahead along the curve: the direction turns on as it turned before.
-                (last.direction + (last.direction - before.direction) * 0.5).normalize()
-            });
-            let next = (1..=self.config.longest_step).find_map(|k| {
-                let ahead = last.position + bend * (step * k as f32);
-                let probe = Link { direction: bend, ..last };
-                self.average(&ahead, &probe).filter(|(l, _)| {
-                    let way = (&last.position, &l.position);
-                    !self.taken(&l.position)
-                        && !obstruction::blocked(self.model, self.voxel_mm, way.0, way.1, &last.faces)
-                })
-            });
-            let Some((link, _)) = next else { return };
-            if (link.position - last.position).dot(&last.direction) < 0.3 * step {
+            let Some(link) = self.next(chain, &last, step) else { return };
+            if (link.position - last.position).dot(&last.direction) < LEAST_ADVANCE * step {
                 return;
             }
             let first = chain.links[0];
-            let home = (link.position - first.position).norm() < 1.01 * step
-                && link.direction.dot(&first.direction) > 0.8;
-            if home && chain.links.len() > 6 {
+            let home = (link.position - first.position).norm() < HOME_STEPS * step
+                && link.direction.dot(&first.direction) > SAME_DIRECTION;
+            if home && chain.links.len() > HOME_LINKS {
                 chain.closed = ahead_of.is_empty();
                 return;
             }
-            if ahead_of.iter().any(|l| {
-                (l.position - link.position).norm() < step && l.direction.dot(&link.direction) < -0.8
-            }) {
+            let met = |l: &ChainLink| {
+                (l.position - link.position).norm() < step
+                    && l.direction.dot(&link.direction) < -SAME_DIRECTION
+            };
+            if ahead_of.iter().any(met) {
                 return;
             }
             chain.links.push(link);
         }
     }
 
+    /// The nearest link ahead of the last one that is not taken and to which the air is free.
+    fn next(&self, chain: &Chain, last: &ChainLink, step: f32) -> Option<ChainLink> {
+        let bend = chain.links.iter().rev().nth(1).map_or(last.direction, |before| {
+            // Look ahead along the curve: the direction turns on as it turned before.
+            (last.direction + (last.direction - before.direction) * TURNS_ON).normalize()
+        });
+        (1..=self.config.longest_step).find_map(|k| {
+            let ahead = last.position + bend * (step * k as f32);
+            let probe = ChainLink { direction: bend, ..*last };
+            self.average(&ahead, &probe).filter(|l| {
+                !self.taken(&l.position)
+                    && !obstruction::blocked(
+                        self.model,
+                        self.voxel_mm,
+                        &last.position,
+                        &l.position,
+                        &last.faces,
+                    )
+            })
+        })
+    }
+
+    /// Whether all corners about a place belong to chains.
     fn taken(&self, place: &Point3<f32>) -> bool {
         let mut free = false;
         let mut any = false;
@@ -241,7 +253,7 @@ impl Tracer<'_> {
 
     /// Marks the corners beside a chain as used, and returns them.
     fn claim(&mut self, chain: &Chain) -> Vec<usize> {
-        let reach = 2.5 * self.config.step_voxels.max(1.0) * self.voxel_mm * 0.6;
+        let reach = CLAIM_STEPS * self.config.step_voxels.max(1.0) * self.voxel_mm * CLAIM_SHARE;
         let mut mine = Vec::new();
         for link in &chain.links {
             self.grid.within(&link.position, reach, |slot, _| {

@@ -3,15 +3,19 @@
 //! The paper's edge points lie 0.65 to 0.9 mm out of a 90 degree corner. Here the points around a candidate are split into two
 //! planes by a few rounds of assignment and fit; the candidate is moved onto the line in which they intersect.
 
+use super::InsideCorner;
 use crate::geometry::grid::Grid;
 use crate::geometry::grid::lanes::LANES;
 use crate::geometry::plane::Moments;
+use crate::seam::input::SurfaceModel;
+use crate::seam::score::edges::Scores;
 use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
 use wide::f32x8;
 
-/// When a fit is a corner.
+/// When a fit is a corner. The defaults were chosen on the simulated scans.
 #[derive(Debug, Clone, Copy)]
-pub struct Config {
+pub struct CornerConfig {
     /// Radius of the surroundings, voxels.
     pub radius_voxels: f32,
     /// Distance from a plane within which a point belongs to it, voxels.
@@ -26,7 +30,7 @@ pub struct Config {
     pub move_voxels: f32,
 }
 
-impl Default for Config {
+impl Default for CornerConfig {
     fn default() -> Self {
         Self {
             radius_voxels: 6.25,
@@ -39,95 +43,138 @@ impl Default for Config {
     }
 }
 
-/// Two faces that meet in a line, concave as the camera sees them.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Corner {
-    /// Foot of the candidate on the line, mm.
-    pub position: Point3<f32>,
-    /// Unit direction of the line; its sign means nothing.
-    pub direction: Vector3<f32>,
-    /// Unit normals of the faces, toward the camera.
-    pub faces: [Vector3<f32>; 2],
-    /// Share of the surrounding points that lie on the faces.
-    pub share: f32,
-}
+// All chosen on the simulated scans.
 
+/// Cells in which the surroundings are looked up, in their radius.
+const CELL_RADII: f32 = 0.5;
+/// Fewer points show no two faces; so many of their normals, evenly, are tried as seeds of a face.
+const LEAST_POINTS: usize = 20;
+const SEEDS: usize = 24;
+/// Cosines of normals that agree with a seed, of those that may seed the second face, and how many must agree with that.
+const AGREE: f32 = 0.93;
+const DIFFER: f32 = 0.94;
+const LEAST_AGREEING: u32 = 6;
+/// Rounds of assignment and fit.
+const ROUNDS: usize = 4;
+/// Cosine between a point's normal and its face's: while only the seeds are known, and once there are planes.
+const ASSIGNED: f32 = 0.9;
+const ON_FACE: f32 = 0.7;
+/// Fewer points make no face; faces that meet at a lesser sine make no line.
+const LEAST_ON_FACE: f32 = 8.0;
+const LEAST_SINE: f32 = 0.3;
+/// Shares of each face, and of both together, in front of the other at an inside corner.
+const LEAST_IN_FRONT: f32 = 0.35;
+const BOTH_IN_FRONT: f32 = 1.2;
+/// Where a face begins, its points are off the other by more than this many tolerances.
+const CLEAR: f32 = 1.1;
+
+/// A fitted plane about a candidate, which is the origin.
 struct Face {
     normal: Vector3<f32>,
     offset: f32,
     count: usize,
 }
 
-/// The corner near a candidate, if there is one. `tolerance_mm` and `voxel_mm` set the scale.
-pub fn fit(points: &[Near], voxel_mm: f32, config: &Config) -> Option<(Corner, Vector3<f32>)> {
+/// The candidates that pass the gate, moved onto the line in which their faces meet.
+pub fn corners(model: &SurfaceModel, scores: &Scores, config: &CornerConfig) -> Vec<InsideCorner> {
+    let radius_mm = config.radius_voxels * model.voxel_mm();
+    let cloud = &model.voxels.cloud;
+    let grid = Grid::new(&cloud.points_mm, CELL_RADII * radius_mm);
+    let normals = grid.by_slot(&cloud.normals);
+    scores
+        .candidates()
+        .par_iter()
+        .map_init(Vec::new, |near, &k| {
+            let at = cloud.points_mm[k];
+            near.clear();
+            grid.within(&at, radius_mm, |slot, _| {
+                near.push(Near { offset: grid.point(slot) - at, normal: normals[slot] });
+            });
+            fit(near, &at, model.voxel_mm(), config)
+        })
+        .flatten()
+        .collect()
+}
+
+/// A neighbour of a candidate: its offset from it, mm, and its normal.
+#[derive(Debug, Clone, Copy)]
+struct Near {
+    /// From the candidate, mm.
+    offset: Vector3<f32>,
+    /// Unit, toward the camera.
+    normal: Vector3<f32>,
+}
+
+/// The corner near the candidate at `at`, if there is one.
+fn fit(points: &[Near], at: &Point3<f32>, voxel_mm: f32, config: &CornerConfig) -> Option<InsideCorner> {
     let tolerance = config.tolerance_voxels * voxel_mm;
     let mut normals = seeds(points)?;
     let mut faces: Option<[Face; 2]> = None;
-    for _ in 0..4 {
+    for _ in 0..ROUNDS {
         let fitted = round(points, &normals, faces.as_ref(), tolerance)?;
         normals = [fitted[0].normal, fitted[1].normal];
         faces = Some(fitted);
     }
     let [a, b] = faces?;
-    let along = a.normal.cross(&b.normal);
-    let sine = along.norm();
-    let direction = along / sine;
-    let cosine = a.normal.dot(&b.normal);
-    let opening_deg = 180.0 - cosine.clamp(-1.0, 1.0).acos().to_degrees();
+    let line = Line::of(&a, &b);
+    let opening_deg = 180.0 - line.cosine.clamp(-1.0, 1.0).acos().to_degrees();
     if !(config.angle_deg.0..=config.angle_deg.1).contains(&opening_deg) {
         return None;
     }
-    // The point of both planes nearest to the candidate, which is the origin here.
-    let (wa, wb) =
-        ((a.offset - cosine * b.offset) / (sine * sine), (b.offset - cosine * a.offset) / (sine * sine));
-    let foot = a.normal * wa + b.normal * wb;
     let in_front = [in_front(points, &a, &b, tolerance), in_front(points, &b, &a, tolerance)];
-    let concave = in_front[0].min(in_front[1]) > 0.35 && in_front[0] + in_front[1] > 1.2;
-    if !concave || foot.norm() > config.move_voxels * voxel_mm {
+    let concave = in_front[0].min(in_front[1]) > LEAST_IN_FRONT && in_front[0] + in_front[1] > BOTH_IN_FRONT;
+    if !concave || line.foot.norm() > config.move_voxels * voxel_mm {
         return None;
     }
     let share = (a.count + b.count) as f32 / points.len() as f32;
-    let begins = [
-        nearest_to_line(points, &a, &b, &foot, &direction, tolerance),
-        nearest_to_line(points, &b, &a, &foot, &direction, tolerance),
-    ];
+    let begins = [line.begins(points, &a, &b, tolerance), line.begins(points, &b, &a, tolerance)];
     if share < config.least_share || begins[0].max(begins[1]) > config.reach_voxels * voxel_mm {
         return None;
     }
-    Some((Corner { position: Point3::origin(), direction, faces: [a.normal, b.normal], share }, foot))
+    let faces = [a.normal, b.normal];
+    Some(InsideCorner { position: at + line.foot, direction: line.direction, faces, share })
 }
 
-/// A neighbour of a candidate: its offset from it, mm, and its normal.
-#[derive(Debug, Clone, Copy)]
-pub struct Near {
-    /// From the candidate, mm.
-    pub offset: Vector3<f32>,
-    /// Unit, toward the camera.
-    pub normal: Vector3<f32>,
+/// Where two faces meet.
+struct Line {
+    /// The point of both planes nearest to the candidate, from it, mm.
+    foot: Vector3<f32>,
+    direction: Vector3<f32>,
+    /// Between the normals.
+    cosine: f32,
 }
 
-/// Gathers the surroundings of a place.
-pub fn surroundings(
-    grid: &Grid,
-    normals: &[Vector3<f32>],
-    at: &Point3<f32>,
-    radius_mm: f32,
-    near: &mut Vec<Near>,
-) {
-    near.clear();
-    grid.within(at, radius_mm, |slot, _| {
-        near.push(Near { offset: grid.point(slot) - at, normal: normals[slot] });
-    });
+impl Line {
+    fn of(a: &Face, b: &Face) -> Self {
+        let along = a.normal.cross(&b.normal);
+        let sine = along.norm();
+        let cosine = a.normal.dot(&b.normal);
+        let (wa, wb) =
+            ((a.offset - cosine * b.offset) / (sine * sine), (b.offset - cosine * a.offset) / (sine * sine));
+        Self { foot: a.normal * wa + b.normal * wb, direction: along / sine, cosine }
+    }
+
+    /// Distance from the line at which a face begins, mm.
+    fn begins(&self, points: &[Near], face: &Face, other: &Face, tolerance: f32) -> f32 {
+        let mut nearest = f32::MAX;
+        for p in points {
+            let on = (p.offset.dot(&face.normal) - face.offset).abs() < tolerance;
+            let clear = (p.offset.dot(&other.normal) - other.offset).abs() > CLEAR * tolerance;
+            if on && clear {
+                let d = p.offset - self.foot;
+                nearest = nearest.min((d - self.direction * d.dot(&self.direction)).norm());
+            }
+        }
+        nearest
+    }
 }
 
 /// The normal that most others agree with, and the one of those that differ from it that most agree with.
 fn seeds(points: &[Near]) -> Option<[Vector3<f32>; 2]> {
-    const AGREE: f32 = 0.93;
-    const DIFFER: f32 = 0.94;
-    if points.len() < 20 {
+    if points.len() < LEAST_POINTS {
         return None;
     }
-    let step = (points.len() / 24).max(1);
+    let step = (points.len() / SEEDS).max(1);
     let normals = in_lanes(points);
     let agree = |n: &Vector3<f32>, [x, y, z]: &[f32x8; 3]| {
         (*x * n.x + *y * n.y + *z * n.z).simd_gt(f32x8::splat(AGREE)).to_bitmask().count_ones()
@@ -139,7 +186,7 @@ fn seeds(points: &[Near]) -> Option<[Vector3<f32>; 2]> {
     };
     let (_, first) = best(&|_| true)?;
     let (count, second) = best(&|n| n.dot(&first).abs() <= DIFFER)?;
-    (count >= 6).then_some([first, second])
+    (count >= LEAST_AGREEING).then_some([first, second])
 }
 
 /// The points' normals, eight at a time; 0 beyond the last.
@@ -167,12 +214,12 @@ fn round(
         let (mine, belongs) = match faces {
             None => {
                 let mine = usize::from(agree[1] > agree[0]);
-                (mine, agree[mine] > 0.9)
+                (mine, agree[mine] > ASSIGNED)
             }
             Some(f) => {
                 let miss = [0, 1].map(|k| (p.offset.dot(&f[k].normal) - f[k].offset).abs());
                 let mine = usize::from(miss[1] < miss[0]);
-                (mine, miss[mine] < tolerance && agree[mine] > 0.7)
+                (mine, miss[mine] < tolerance && agree[mine] > ON_FACE)
             }
         };
         if belongs {
@@ -182,14 +229,14 @@ fn round(
     let face = |k: usize| {
         let plane = moments[k].plane();
         let normal = if plane.normal.dot(&normals[k]) < 0.0 { -plane.normal } else { plane.normal };
-        (moments[k].count >= 8.0).then(|| Face {
+        (moments[k].count >= LEAST_ON_FACE).then(|| Face {
             normal,
             offset: plane.mean.dot(&normal),
             count: moments[k].count as usize,
         })
     };
     let faces = [face(0)?, face(1)?];
-    (faces[0].normal.cross(&faces[1].normal).norm() > 0.3).then_some(faces)
+    (faces[0].normal.cross(&faces[1].normal).norm() > LEAST_SINE).then_some(faces)
 }
 
 /// Share of a face that lies in front of the other: 1 at an inside corner, 0 at an outside one, a half where the face
@@ -204,25 +251,4 @@ fn in_front(points: &[Near], face: &Face, other: &Face, tolerance: f32) -> f32 {
         }
     }
     front / clear.max(1.0)
-}
-
-/// Distance from the line at which a face begins.
-fn nearest_to_line(
-    points: &[Near],
-    face: &Face,
-    other: &Face,
-    foot: &Vector3<f32>,
-    direction: &Vector3<f32>,
-    tolerance: f32,
-) -> f32 {
-    let mut nearest = f32::MAX;
-    for p in points {
-        let on = (p.offset.dot(&face.normal) - face.offset).abs() < tolerance;
-        let clear = (p.offset.dot(&other.normal) - other.offset).abs() > 1.1 * tolerance;
-        if on && clear {
-            let d = p.offset - foot;
-            nearest = nearest.min((d - direction * d.dot(direction)).norm());
-        }
-    }
-    nearest
 }

@@ -3,10 +3,12 @@
 //! A chain whose ends look at each other along one arc, in keeping with its own curvature, is closed by that arc; the raw
 //! points beside it then tell whether the seam is there.
 
+use super::obstruction;
+use super::{Chain, ChainLink};
 use crate::geometry::grid::Grid;
-use crate::seam::trace::chain::{Chain, Link};
-use crate::seam::trace::obstruction;
 use nalgebra::Vector3;
+
+// All chosen on the simulated scans.
 
 /// Longest stretch that is closed, as a share of the chain.
 const LONGEST_SHARE: f32 = 0.25;
@@ -20,6 +22,10 @@ const BEND_FACTOR: f32 = 2.5;
 const SLACK_DEG: f32 = 15.0;
 /// Largest change of a face's normal besides the turn, degrees.
 const FACE_DEG: f32 = 35.0;
+
+/// Shorter sums of face normals, and slopes of the arc, mm, have no direction.
+const LEAST_NORMAL: f32 = 1e-3;
+const LEAST_SLOPE_MM: f32 = 1e-6;
 
 /// The chain closed by an arc from its last link to its first, if it asks for one.
 pub fn closed(chain: &Chain, model: &Grid, voxel_mm: f32, step_mm: f32) -> Option<Chain> {
@@ -41,7 +47,7 @@ pub fn closed(chain: &Chain, model: &Grid, voxel_mm: f32, step_mm: f32) -> Optio
         return None;
     }
     let arc = arc(last, first, &way, step_mm)?;
-    let around: Vec<&Link> = std::iter::once(last).chain(&arc).chain([first]).collect();
+    let around: Vec<&ChainLink> = std::iter::once(last).chain(&arc).chain([first]).collect();
     let free = around
         .windows(2)
         .all(|w| !obstruction::blocked(model, voxel_mm, &w[0].position, &w[1].position, &w[0].faces));
@@ -57,7 +63,7 @@ fn angle_deg(a: &Vector3<f32>, b: &Vector3<f32>) -> f32 {
 }
 
 /// Links on the cubic that leaves one link and arrives at the other in their directions.
-fn arc(from: &Link, to: &Link, way: &Vector3<f32>, step_mm: f32) -> Option<Vec<Link>> {
+fn arc(from: &ChainLink, to: &ChainLink, way: &Vector3<f32>, step_mm: f32) -> Option<Vec<ChainLink>> {
     let size = way.norm();
     let count = (size / step_mm).round().max(1.0) as usize;
     (1..count)
@@ -69,10 +75,10 @@ fn arc(from: &Link, to: &Link, way: &Vector3<f32>, step_mm: f32) -> Option<Vec<L
             let slope = leave * (3.0 * t2 - 4.0 * t + 1.0)
                 + way * (6.0 * t - 6.0 * t2)
                 + arrive * (3.0 * t2 - 2.0 * t);
-            let face = |k: usize| (from.faces[k] * (1.0 - t) + to.faces[k] * t).try_normalize(1e-3);
-            Some(Link {
+            let face = |k: usize| (from.faces[k] * (1.0 - t) + to.faces[k] * t).try_normalize(LEAST_NORMAL);
+            Some(ChainLink {
                 position: from.position + offset,
-                direction: slope.try_normalize(1e-6)?,
+                direction: slope.try_normalize(LEAST_SLOPE_MM)?,
                 faces: [face(0)?, face(1)?],
             })
         })
@@ -89,7 +95,7 @@ mod tests {
         let link = |deg: f32| {
             let (sin, cos) = deg.to_radians().sin_cos();
             let out = Vector3::new(cos, sin, 0.0);
-            Link {
+            ChainLink {
                 position: Point3::origin() + out * 30.0,
                 direction: Vector3::new(-sin, cos, 0.0),
                 faces: [Vector3::z(), out],

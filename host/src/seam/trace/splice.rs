@@ -1,13 +1,17 @@
 //! Chains that go on in each other, joined (ours): a trace may stop where corners are missing, and begin anew beyond.
 
+use super::obstruction;
+use super::{Chain, ChainLink};
 use crate::geometry::grid::Grid;
-use crate::seam::trace::chain::{Chain, Link};
-use crate::seam::trace::obstruction;
+
+// All chosen on the simulated scans.
 
 /// Farthest gap and overlap between two ends, and farthest that they may lie beside each other, voxels.
 const GAP_VOXELS: f32 = 8.0;
 const OVERLAP_VOXELS: f32 = 8.0;
 const BESIDE_VOXELS: f32 = 1.5;
+/// Links of the second chain that are not this far past the end of the first lie beside it, voxels.
+const PAST_VOXELS: f32 = 0.5;
 /// Cosines of the largest change of direction and of a face.
 const SAME_DIRECTION: f32 = 0.95;
 const SAME_FACE: f32 = 0.9;
@@ -39,14 +43,14 @@ fn either_way(a: &Chain, b: &Chain, model: &Grid, voxel_mm: f32) -> Option<Chain
 }
 
 fn reversed(chain: &Chain) -> Chain {
-    let links = chain.links.iter().rev().map(|l| Link { direction: -l.direction, ..*l }).collect();
+    let links = chain.links.iter().rev().map(|l| ChainLink { direction: -l.direction, ..*l }).collect();
     Chain { links, ..chain.clone() }
 }
 
 /// `a` continued by `b`, if `b` begins where `a` ends.
 fn end_to_end(a: &Chain, b: &Chain, model: &Grid, voxel_mm: f32) -> Option<Chain> {
     let (end, start) = (a.links.last()?, b.links.first()?);
-    let ahead = |l: &Link| (l.position - end.position).dot(&end.direction);
+    let ahead = |l: &ChainLink| (l.position - end.position).dot(&end.direction);
     let way = start.position - end.position;
     let beside = (way - end.direction * ahead(start)).norm();
     let near = ahead(start) < GAP_VOXELS * voxel_mm
@@ -58,8 +62,9 @@ fn end_to_end(a: &Chain, b: &Chain, model: &Grid, voxel_mm: f32) -> Option<Chain
     if !near || !same || obstruction::blocked(model, voxel_mm, &end.position, &start.position, &end.faces) {
         return None;
     }
-    let rest: Vec<Link> = b.links.iter().skip_while(|l| ahead(l) < 0.5 * voxel_mm).copied().collect();
-    let turned = |l: Link| if swapped { Link { faces: [l.faces[1], l.faces[0]], ..l } } else { l };
+    let rest: Vec<ChainLink> =
+        b.links.iter().skip_while(|l| ahead(l) < PAST_VOXELS * voxel_mm).copied().collect();
+    let turned = |l: ChainLink| if swapped { ChainLink { faces: [l.faces[1], l.faces[0]], ..l } } else { l };
     let support = a.support + b.support;
     let part = |c: &Chain| c.share * c.support as f32 / support.max(1) as f32;
     Some(Chain {
@@ -76,12 +81,12 @@ mod tests {
     use nalgebra::{Point3, Vector3};
 
     fn fillet(from_mm: f32, to_mm: f32) -> Chain {
-        let link = |k: usize| Link {
+        let link = |k: usize| ChainLink {
             position: Point3::new(from_mm + 2.0 * k as f32, 0.0, 0.0),
             direction: Vector3::x(),
             faces: [Vector3::y(), Vector3::z()],
         };
-        let links: Vec<Link> = (0..=((to_mm - from_mm) / 2.0) as usize).map(link).collect();
+        let links: Vec<ChainLink> = (0..=((to_mm - from_mm) / 2.0) as usize).map(link).collect();
         Chain { support: 3 * links.len(), links, share: 0.9, ..Chain::default() }
     }
 

@@ -12,10 +12,13 @@ const CELL: f32 = 0.008;
 const READINGS: usize = 300_000;
 /// What is so much nearer or farther is something else, mm.
 const APART_MM: f32 = 5.0;
+/// Nearer than this there is nothing before a camera, mm; and shorter vectors have no direction.
+const NEAREST_MM: f32 = 1.0;
+const LEAST_LENGTH: f32 = 1e-6;
 
 /// What a camera knows of a place.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Sight {
+pub(super) enum Visibility {
     /// A surface at the place.
     At,
     /// A surface behind it: nothing is there.
@@ -25,23 +28,24 @@ pub(super) enum Sight {
 }
 
 /// One camera's nearest and farthest reading in each direction, mm.
-struct Camera {
+struct CameraView {
     at_mm: Point3<f32>,
     axes: [Vector3<f32>; 3],
     depths_mm: HashMap<(i32, i32), [f32; 2]>,
 }
 
 /// All cameras of a scan.
-pub(super) struct Sights(Vec<Camera>);
+pub(super) struct Panorama(Vec<CameraView>);
 
-impl Sights {
+impl Panorama {
     pub(super) fn new(merged: &Merged) -> Self {
         let mut sums = vec![(Vector3::zeros(), 0usize); merged.cameras_mm.len()];
         for (p, &view) in merged.points_mm.iter().zip(&merged.view) {
             let sum = &mut sums[usize::from(view)];
             *sum = (sum.0 + (p - merged.cameras_mm[usize::from(view)]), sum.1 + 1);
         }
-        let cameras = merged.cameras_mm.iter().zip(&sums).map(|(at_mm, (sum, _))| Camera::new(*at_mm, sum));
+        let cameras =
+            merged.cameras_mm.iter().zip(&sums).map(|(at_mm, (sum, _))| CameraView::new(*at_mm, sum));
         let mut sights = Self(cameras.collect());
         let step = (merged.points_mm.len() / READINGS).max(1);
         for (p, &view) in merged.points_mm.iter().zip(&merged.view).step_by(step) {
@@ -51,14 +55,14 @@ impl Sights {
     }
 
     /// Whether any camera knows this of a place.
-    pub(super) fn any(&self, place: &Point3<f32>, sight: Sight) -> bool {
+    pub(super) fn any(&self, place: &Point3<f32>, sight: Visibility) -> bool {
         self.0.iter().any(|camera| camera.sight(place) == sight)
     }
 }
 
-impl Camera {
+impl CameraView {
     fn new(at_mm: Point3<f32>, toward: &Vector3<f32>) -> Self {
-        let axis = Unit::try_new(*toward, 1e-6).unwrap_or(Vector3::z_axis()).into_inner();
+        let axis = Unit::try_new(*toward, LEAST_LENGTH).unwrap_or(Vector3::z_axis()).into_inner();
         let mut least = Vector3::zeros();
         least[axis.iamin()] = 1.0;
         let right = axis.cross(&least).normalize();
@@ -70,7 +74,7 @@ impl Camera {
         let ray = place - self.at_mm;
         let [u, v, depth] = self.axes.map(|axis| axis.dot(&ray));
         let cell = |c: f32| (c / depth / CELL).floor() as i32;
-        (depth > 1.0).then(|| ((cell(u), cell(v)), depth))
+        (depth > NEAREST_MM).then(|| ((cell(u), cell(v)), depth))
     }
 
     fn add(&mut self, point: &Point3<f32>) {
@@ -80,12 +84,12 @@ impl Camera {
         }
     }
 
-    fn sight(&self, place: &Point3<f32>) -> Sight {
+    fn sight(&self, place: &Point3<f32>) -> Visibility {
         let known = self.cell(place).and_then(|(cell, depth)| Some((self.depths_mm.get(&cell)?, depth)));
         match known {
-            Some(([nearest, _], depth)) if *nearest > depth + APART_MM => Sight::Through,
-            Some(([_, farthest], depth)) if *farthest > depth - APART_MM => Sight::At,
-            _ => Sight::Hidden,
+            Some(([nearest, _], depth)) if *nearest > depth + APART_MM => Visibility::Through,
+            Some(([_, farthest], depth)) if *farthest > depth - APART_MM => Visibility::At,
+            _ => Visibility::Hidden,
         }
     }
 }
@@ -103,11 +107,13 @@ mod tests {
             cameras_mm: vec![Point3::origin()],
             ..Merged::default()
         };
-        let sights = Sights::new(&merged);
-        for (z, expected) in [(250.0, Sight::Through), (299.0, Sight::At), (350.0, Sight::Hidden)] {
+        let sights = Panorama::new(&merged);
+        for (z, expected) in
+            [(250.0, Visibility::Through), (299.0, Visibility::At), (350.0, Visibility::Hidden)]
+        {
             assert!(sights.any(&Point3::new(3.0, 4.0, z), expected), "{z}");
         }
-        assert!(sights.any(&Point3::new(200.0, 4.0, 250.0), Sight::Hidden), "beside what was measured");
-        assert!(sights.any(&Point3::new(0.0, 0.0, -50.0), Sight::Hidden), "behind the camera");
+        assert!(sights.any(&Point3::new(200.0, 4.0, 250.0), Visibility::Hidden), "beside what was measured");
+        assert!(sights.any(&Point3::new(0.0, 0.0, -50.0), Visibility::Hidden), "behind the camera");
     }
 }

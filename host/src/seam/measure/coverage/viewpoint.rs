@@ -4,6 +4,7 @@ use nalgebra::{Point3, UnitQuaternion, Vector3};
 
 use crate::geometry::cloud::Merged;
 use crate::geometry::grid::Grid;
+use crate::geometry::statistics::median;
 use crate::seam::Station;
 
 /// A camera pose, base frame; the roll about the direction is free.
@@ -23,6 +24,11 @@ const HIDING_MM: f32 = 4.0;
 const OTHERS: [f64; 4] = [0.6, 0.8, 1.0, 0.4];
 /// Tilts along the seam, degrees.
 const TILTS_DEG: [f64; 5] = [0.0, 20.0, -20.0, 40.0, -40.0];
+/// Points whose distance is asked for, and the distance of a camera where there are none, mm.
+const SAMPLE: usize = 5000;
+const UNKNOWN_MM: f64 = 300.0;
+/// Shorter vectors have no direction.
+const LEAST_LENGTH: f64 = 1e-6;
 
 /// The first direction from which nothing that was scanned hides the seam; if all are hidden, the first.
 pub(super) fn best(station: &Station, face: usize, grid: &Grid, merged: &Merged) -> Viewpoint {
@@ -40,7 +46,7 @@ pub(super) fn best(station: &Station, face: usize, grid: &Grid, merged: &Merged)
 fn directions(station: &Station, face: usize) -> impl Iterator<Item = Vector3<f64>> + '_ {
     let (bad, other) = (station.faces[face], station.faces[1 - face]);
     OTHERS.into_iter().flat_map(move |weight| {
-        let out = (bad + other * weight).try_normalize(1e-6).unwrap_or(bad);
+        let out = (bad + other * weight).try_normalize(LEAST_LENGTH).unwrap_or(bad);
         TILTS_DEG.into_iter().map(move |tilt_deg| {
             let axis = nalgebra::Unit::new_normalize(station.tangent.cross(&out));
             UnitQuaternion::from_axis_angle(&axis, f64::to_radians(tilt_deg)) * out
@@ -61,9 +67,8 @@ fn is_free(station: &Station, view: &Viewpoint, distance_mm: f64, grid: &Grid, m
 /// Median distance of the points from the cameras that saw them, mm.
 fn usual_distance_mm(merged: &Merged) -> f64 {
     let distance = |(p, &view): (&Point3<f32>, &u16)| (p - merged.cameras_mm[usize::from(view)]).norm();
-    let step = (merged.points_mm.len() / 5000).max(1);
+    let step = (merged.points_mm.len() / SAMPLE).max(1);
     let mut distances: Vec<f32> =
         merged.points_mm.iter().zip(&merged.view).step_by(step).map(distance).collect();
-    distances.sort_unstable_by(f32::total_cmp);
-    f64::from(distances.get(distances.len() / 2).copied().unwrap_or(300.0))
+    if distances.is_empty() { UNKNOWN_MM } else { f64::from(median(&mut distances)) }
 }

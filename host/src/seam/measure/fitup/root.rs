@@ -6,14 +6,16 @@
 //! possible, the squared misses of both parts are summed over the seam, and the least sum wins. How fast the sum grows
 //! about its least is the uncertainty from noise; to it comes the distance of the points at the edge.
 
-use super::sight::{Faces, Pierced, Sight, sights};
-use super::{Evidence, Input, Refined};
-use crate::geometry::statistics::median;
+use super::evidence::JointEvidence;
+use super::sight::{Faces, Pierced, SightRay, sights};
+use crate::geometry::statistics::{median, robust_deviation};
 use crate::seam::Joint;
+use crate::seam::input::Input;
 use crate::seam::measure::dimension::Value;
 use crate::seam::refine::ACUTE_DEG;
-use crate::seam::refine::beside::Frame;
-use crate::seam::refine::face::{self, Sample};
+use crate::seam::refine::Refined;
+use crate::seam::refine::face::{self, FacePoint};
+use crate::seam::refine::frame::Frame;
 use std::ops::Range;
 
 /// What there is at the root.
@@ -23,6 +25,8 @@ pub(super) struct Opening {
     /// Distance of the members, mm, or why it cannot be told.
     pub(super) width_mm: Result<Value, &'static str>,
 }
+
+// Chosen on the simulated scans, unless told otherwise.
 
 /// Length of seam whose points share one fit, mm.
 const STRETCH_MM: f32 = 30.0;
@@ -51,6 +55,8 @@ const SOME: f64 = 0.35;
 /// would turn were it none tells how unsure that makes the angle, times this.
 const LATERAL_VOXELS: f32 = 0.1;
 const LATERAL_UNSURE: f64 = 1.6;
+/// Share of the part in which a face may end from which on it ends beyond.
+const NEAR_END: f32 = 0.9;
 /// How much farther to look for the end of a face that ends beyond where it may.
 const ONWARD: f32 = 1.3;
 /// Part of a bevel next to its end that its fit leaves out, voxels.
@@ -63,6 +69,15 @@ const ENDS_SHARE: f32 = 0.1;
 /// Two standard deviations, of an expected error that holds 1.4.
 const STANDARD: f64 = 1.43;
 
+/// Rounds in which faces are fitted anew; and standard deviations beyond which a point is on no face.
+const REFITS: usize = 3;
+const WILD_DEVIATIONS: f32 = 8.0;
+/// Least noise that is assumed, mm, and least variance to divide by, mm².
+const LEAST_SIGMA_MM: f32 = 0.01;
+const LEAST_VARIANCE_MM2: f32 = 1e-9;
+/// What a missing point weighs, in squared misses.
+const MISSING: f64 = 2.0;
+
 /// Error of the angle of a joint from points under its web, degrees per mm of opening.
 const PULL_DEG_MM: f64 = 0.8;
 
@@ -71,17 +86,17 @@ const HIDDEN: &str = "no view sees down to the root";
 const UNBACKED: &str = "behind the edges of a corner joint nothing tells an opening from a missing reading";
 
 /// The opening of a joint.
-pub(super) fn opening(evidence: &Evidence) -> Opening {
+pub(super) fn opening(evidence: &JointEvidence) -> Opening {
     // An angle between two faces errs twice as much as the direction between them.
     let unsure_deg = 2.0 * STANDARD * evidence.expected.orientation_rad.to_degrees();
     let curved_deg = if evidence.joint == Joint::Saddle { CURVED_DEG } else { 0.0 };
     let unsure_deg = unsure_deg.hypot(curved_deg);
     let angle_deg = Value { value: mean_angle_deg(evidence.seam), uncertainty: unsure_deg };
-    if !evidence.input.cameras_known {
+    if !evidence.input.scan.cameras_known {
         return Opening { angle_deg, width_mm: Err(NO_CAMERA) };
     }
     let stretches = stretches(evidence.input, evidence.seam);
-    let edge_mm = EDGE_VOXELS * f64::from(evidence.input.voxels.edge_mm);
+    let edge_mm = EDGE_VOXELS * f64::from(evidence.input.model.voxel_mm());
     // Near the root the balance between two faces moves by twice what they are out of place.
     let edge_mm = edge_mm.hypot(2.0 * STANDARD * evidence.expected.position_mm);
     let opening = match evidence.joint {
@@ -93,21 +108,21 @@ pub(super) fn opening(evidence: &Evidence) -> Opening {
 
 /// Between two bevels, whose faces are fitted anew.
 fn of_groove(
-    evidence: &Evidence,
-    stretches: &[Vec<Sight>],
+    evidence: &JointEvidence,
+    stretches: &[Vec<SightRay>],
     frames_deg: Value,
     edge_mm: f64,
 ) -> Option<Opening> {
     let seam = evidence.seam;
-    let lateral_mm = LATERAL_VOXELS * evidence.input.voxels.edge_mm;
-    let rough = sections(stretches, seam, Some(Refit { from_mm: None, lateral_mm }));
-    let end = least(&rough, &[0, 1], Section::groove, edge_mm)?;
+    let lateral_mm = LATERAL_VOXELS * evidence.input.model.voxel_mm();
+    let rough = sections(stretches, seam, Some(FaceRefit { from_mm: None, lateral_mm }));
+    let end = least(&rough, &[0, 1], RootStretch::groove, edge_mm)?;
     // All of the bevels but what is next to their ends: the longer, the surer their slope.
-    let from_mm = Some(end.value as f32 + END_VOXELS * evidence.input.voxels.edge_mm);
-    let fine = sections(stretches, seam, Some(Refit { from_mm, lateral_mm }));
-    let still = sections(stretches, seam, Some(Refit { from_mm, lateral_mm: 0.0 }));
+    let from_mm = Some(end.value as f32 + END_VOXELS * evidence.input.model.voxel_mm());
+    let fine = sections(stretches, seam, Some(FaceRefit { from_mm, lateral_mm }));
+    let still = sections(stretches, seam, Some(FaceRefit { from_mm, lateral_mm: 0.0 }));
     let noise_mm = fine.iter().map(|s| f64::from(s.sigma_mm)).sum::<f64>() / fine.len() as f64;
-    let end = least(&fine, &[0, 1], Section::groove, edge_mm.hypot(BLUR_NOISES * noise_mm))?;
+    let end = least(&fine, &[0, 1], RootStretch::groove, edge_mm.hypot(BLUR_NOISES * noise_mm))?;
     let turn_deg = turn_deg(&fine);
     let lateral_deg = LATERAL_UNSURE * (turn_deg - self::turn_deg(&still));
     let angle_deg =
@@ -120,8 +135,8 @@ fn of_groove(
 
 /// Under the face that ends before it meets the other.
 fn of_foot(
-    evidence: &Evidence,
-    stretches: &[Vec<Sight>],
+    evidence: &JointEvidence,
+    stretches: &[Vec<SightRay>],
     frames_deg: Value,
     edge_mm: f64,
 ) -> Option<Opening> {
@@ -140,16 +155,16 @@ fn of_foot(
 
 /// Where the bevels of a groove end, from where they would meet, if that is surely not there, mm.
 pub fn groove_end_mm(input: &Input, seam: &Refined) -> Option<f32> {
-    if mean_angle_deg(seam) > f64::from(ACUTE_DEG) || !input.cameras_known {
+    if mean_angle_deg(seam) > f64::from(ACUTE_DEG) || !input.scan.cameras_known {
         return None;
     }
-    let lateral_mm = LATERAL_VOXELS * input.voxels.edge_mm;
-    let sections = sections(&stretches(input, seam), seam, Some(Refit { from_mm: None, lateral_mm }));
-    let end = least(&sections, &[0, 1], Section::groove, 0.0)?;
+    let lateral_mm = LATERAL_VOXELS * input.model.voxel_mm();
+    let sections = sections(&stretches(input, seam), seam, Some(FaceRefit { from_mm: None, lateral_mm }));
+    let end = least(&sections, &[0, 1], RootStretch::groove, 0.0)?;
     // A face that ends where nobody looks any more ends farther out.
     let most_mm = sections.iter().map(|s| s.most_mm).fold(f32::INFINITY, f32::min);
     let end_mm = end.value as f32;
-    let end_mm = if end_mm > 0.9 * most_mm { ONWARD * end_mm } else { end_mm };
+    let end_mm = if end_mm > NEAR_END * most_mm { ONWARD * end_mm } else { end_mm };
     (end.value > end.uncertainty).then_some(end_mm)
 }
 
@@ -160,8 +175,8 @@ fn mean_angle_deg(seam: &Refined) -> f64 {
 }
 
 /// How much the refitted faces close the angle between them, degrees.
-fn turn_deg(sections: &[Section]) -> f64 {
-    let turn = |s: &Section| f64::from(s.faces.slope[0] + s.faces.slope[1]).to_degrees();
+fn turn_deg(sections: &[RootStretch]) -> f64 {
+    let turn = |s: &RootStretch| f64::from(s.faces.slope[0] + s.faces.slope[1]).to_degrees();
     sections.iter().map(turn).sum::<f64>() / sections.len().max(1) as f64
 }
 
@@ -172,7 +187,7 @@ fn cosine(seam: &Refined) -> f32 {
 
 /// How faces are fitted anew.
 #[derive(Clone, Copy)]
-struct Refit {
+struct FaceRefit {
     /// Nearest to the root that points count; not in the part where a face may end unless told otherwise, mm.
     from_mm: Option<f32>,
     /// Standard deviation of the rays square to themselves, mm.
@@ -180,18 +195,18 @@ struct Refit {
 }
 
 /// The stretches of a seam that show its root; their faces fitted anew if asked for.
-fn sections(stretches: &[Vec<Sight>], seam: &Refined, refit: Option<Refit>) -> Vec<Section> {
-    stretches.iter().filter_map(|sights| Section::of(sights, seam, refit)).collect()
+fn sections(stretches: &[Vec<SightRay>], seam: &Refined, refit: Option<FaceRefit>) -> Vec<RootStretch> {
+    stretches.iter().filter_map(|sights| RootStretch::of(sights, seam, refit)).collect()
 }
 
 /// The points of a seam, by stretch.
-fn stretches(input: &Input, seam: &Refined) -> Vec<Vec<Sight>> {
+fn stretches(input: &Input, seam: &Refined) -> Vec<Vec<SightRay>> {
     let reach_mm = seam.reach_mm[0].max(seam.reach_mm[1]);
     let length_mm = seam.step_mm * seam.frames.len() as f32;
     let ends_mm = ENDS_MM.min(ENDS_SHARE * length_mm);
     let count = (length_mm / STRETCH_MM).round().max(1.0);
     let mut stretches = vec![Vec::new(); count as usize];
-    for sight in sights(input.merged, seam, reach_mm, MOST_POINTS) {
+    for sight in sights(input.scan.merged, seam, reach_mm, MOST_POINTS) {
         if !seam.closed && !(ends_mm..length_mm - ends_mm).contains(&sight.s) {
             continue;
         }
@@ -202,7 +217,7 @@ fn stretches(input: &Input, seam: &Refined) -> Vec<Vec<Sight>> {
 }
 
 /// The rays of one stretch against its faces.
-struct Section {
+struct RootStretch {
     faces: Faces,
     /// Those that pierce the part of a face in which it may end.
     root: Vec<Pierced>,
@@ -214,14 +229,14 @@ struct Section {
     most_mm: f32,
 }
 
-impl Section {
-    fn of(sights: &[Sight], seam: &Refined, refit: Option<Refit>) -> Option<Self> {
+impl RootStretch {
+    fn of(sights: &[SightRay], seam: &Refined, refit: Option<FaceRefit>) -> Option<Self> {
         let mut faces = Faces { cosine: cosine(seam), ..Faces::default() };
         let reach_mm = seam.reach_mm[0].min(seam.reach_mm[1]);
         let most_mm = (ROOT_SHARE * reach_mm).min(ROOT_MOST_MM);
         if let Some(refit) = refit {
             let from_mm = refit.from_mm.map_or(most_mm, |from_mm| from_mm.min(most_mm));
-            for _ in 0..3 {
+            for _ in 0..REFITS {
                 faces = refitted(sights, &faces, from_mm..reach_mm, seam.sigma_mm as f32, refit.lateral_mm)?;
             }
         }
@@ -232,7 +247,7 @@ impl Section {
         if misses.len() < LEAST_POINTS {
             return None;
         }
-        let sigma_mm = (1.4826 * median(&mut misses)).max(0.01);
+        let sigma_mm = (robust_deviation(&mut misses)).max(LEAST_SIGMA_MM);
         let density = [0, 1].map(|k| {
             pierced.iter().filter(beyond).filter(|p| p.face == k).count() as f32 / (reach_mm - most_mm)
         });
@@ -309,12 +324,12 @@ fn squared(x: f32) -> f32 {
 
 /// Where the faces end by all sections together, along the face, mm.
 fn least(
-    sections: &[Section],
+    sections: &[RootStretch],
     faces: &[usize],
-    costs: impl Fn(&Section) -> Vec<f64>,
+    costs: impl Fn(&RootStretch) -> Vec<f64>,
     sure_mm: f64,
 ) -> Option<Value> {
-    let places = sections.iter().map(Section::places).min()?;
+    let places = sections.iter().map(RootStretch::places).min()?;
     let mut sum = vec![0.0; places];
     let mut counts = vec![0.0; places];
     for section in sections {
@@ -326,7 +341,7 @@ fn least(
     // On a face there would be points: none are as telling as some in the wrong place.
     let mut missing = 0.0;
     for (place, count) in counts.iter().enumerate().rev() {
-        missing += 2.0 * (SOME * usual - count).max(0.0);
+        missing += MISSING * (SOME * usual - count).max(0.0);
         sum[place] += missing;
     }
     let best = (0..places).min_by(|&a, &b| sum[a].total_cmp(&sum[b])).unwrap_or(0);
@@ -340,7 +355,7 @@ fn least(
 
 /// The faces fitted to the points of a stretch that pierce them in a range of distances from the root.
 fn refitted(
-    sights: &[Sight],
+    sights: &[SightRay],
     faces: &Faces,
     range_mm: Range<f32>,
     sigma_mm: f32,
@@ -350,7 +365,7 @@ fn refitted(
     let mut on_faces: [Vec<(f32, Pierced)>; 2] = [Vec::new(), Vec::new()];
     for sight in sights {
         let Some(p) = faces.pierced(sight) else { continue };
-        if range_mm.contains(&p.u_mm) && p.behind_mm.abs() < 8.0 * sigma_mm {
+        if range_mm.contains(&p.u_mm) && p.behind_mm.abs() < WILD_DEVIATIONS * sigma_mm {
             on_faces[p.face].push((sight.s - middle, p));
         }
     }
@@ -363,9 +378,9 @@ fn refitted(
             let steep = p.ray_off * p.ray_off + lateral * p.ray_along * p.ray_along;
             let u_mm = p.u_mm - p.behind_mm * p.ray_along * lateral / steep;
             let h_mm = -p.behind_mm * p.ray_off;
-            Sample { d: f64::from(*d), u: f64::from(u_mm), h: f64::from(h_mm), w: 1.0 }
+            FacePoint { d: f64::from(*d), u: f64::from(u_mm), h: f64::from(h_mm), w: 1.0 }
         };
-        let samples: Vec<Sample> = points.iter().map(sample).collect();
+        let samples: Vec<FacePoint> = points.iter().map(sample).collect();
         let fit = face::fit(&samples, 0.0, f64::MAX, &mut face::Scratch::default())?;
         fitted.moved(faces, k, fit.offset as f32, fit.slope as f32);
     }
@@ -378,9 +393,9 @@ fn lateral_share(points: &[(f32, Pierced)], lateral_mm: f32) -> f32 {
         return 0.0;
     }
     let mut misses: Vec<f32> = points.iter().map(|(_, p)| p.behind_mm.abs()).collect();
-    let all = squared(1.4826 * median(&mut misses));
+    let all = squared(robust_deviation(&mut misses));
     let slant: f32 = points.iter().map(|(_, p)| squared(p.ray_along / p.ray_off)).sum();
     let lateral = squared(lateral_mm);
     // What the error square to the ray puts along it is not of the depth.
-    lateral / (all - lateral * slant / points.len() as f32).max(lateral).max(1e-9)
+    lateral / (all - lateral * slant / points.len() as f32).max(lateral).max(LEAST_VARIANCE_MM2)
 }

@@ -6,12 +6,12 @@
 use crate::geometry::cloud::Merged;
 use crate::geometry::grid::Grid;
 use crate::seam::refine::Refined;
-use crate::seam::refine::beside::foot;
+use crate::seam::refine::beside::Foot;
 use rayon::prelude::*;
 
 /// A raw point and the ray that saw it, in the coordinates of both faces: along the face from the seam, and off it.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Sight {
+pub(super) struct SightRay {
     /// Along the seam, mm.
     pub(super) s: f32,
     along_mm: [f32; 2],
@@ -52,29 +52,32 @@ pub(super) struct Pierced {
 /// Least cosine between a ray and the normals of both faces, as a share of that of the bisector: other views hardly see
 /// down to the root.
 const LEAST_COSINE: f32 = 0.4;
+/// Faces that meet at less do not meet: what is divided by.
+const LEAST_SINE: f32 = 1e-3;
+/// Neighbouring points that one thread works on at least.
+const SHARE: usize = 1024;
 
 /// An even sample of at most `most` of the points near a seam.
-pub(super) fn sights(merged: &Merged, seam: &Refined, reach_mm: f32, most: usize) -> Vec<Sight> {
+pub(super) fn sights(merged: &Merged, seam: &Refined, reach_mm: f32, most: usize) -> Vec<SightRay> {
     let stations: Vec<_> = seam.frames.iter().map(|f| f.position).collect();
     let grid = Grid::new(&stations, reach_mm);
     let every = seam.near.len().div_ceil(most).max(1);
     let sample: Vec<u32> = seam.near.iter().step_by(every).copied().collect();
     sample
         .par_iter()
-        .with_min_len(1024)
+        .with_min_len(SHARE)
         .filter_map(|&k| {
             let p = merged.points_mm[k as usize];
             let (slot, _) = grid.nearest(&p, reach_mm, |_| true)?;
-            let (s, d, foot) =
-                foot(&p, &seam.frames, grid.index(slot), seam.closed, seam.step_mm, f32::INFINITY)?;
+            let Foot { s, offset, frame } = seam.line().foot(&p, grid.index(slot), f32::INFINITY)?;
             let ray = (merged.cameras_mm[usize::from(merged.view[k as usize])] - p).normalize();
-            let into = foot.into_faces();
-            Some(Sight {
+            let into = frame.into_faces();
+            Some(SightRay {
                 s,
-                along_mm: into.map(|v| v.dot(&d)),
-                off_mm: foot.faces.map(|v| v.dot(&d)),
+                along_mm: into.map(|v| v.dot(&offset)),
+                off_mm: frame.faces.map(|v| v.dot(&offset)),
                 ray_along: into.map(|v| v.dot(&ray)),
-                ray_off: foot.faces.map(|v| v.dot(&ray)),
+                ray_off: frame.faces.map(|v| v.dot(&ray)),
             })
         })
         .collect()
@@ -84,18 +87,18 @@ impl Faces {
     /// Where the corrected faces meet, along each face from where the frame's faces do, mm.
     fn root_mm(&self) -> [f32; 2] {
         let [a, b] = self.offset_mm;
-        let sine = (1.0 - self.cosine * self.cosine).sqrt().max(1e-3);
+        let sine = (1.0 - self.cosine * self.cosine).sqrt().max(LEAST_SINE);
         [(b - self.cosine * a) / sine, (a - self.cosine * b) / sine]
     }
 
     /// A sight against these faces; `None` from where the root is hidden.
-    pub(super) fn pierced(&self, sight: &Sight) -> Option<Pierced> {
+    pub(super) fn pierced(&self, sight: &SightRay) -> Option<Pierced> {
         let root_mm = self.root_mm();
         let off = |k: usize| sight.off_mm[k] - self.offset_mm[k] - self.slope[k] * sight.along_mm[k];
         let ray_off = |k: usize| sight.ray_off[k] - self.slope[k] * sight.ray_along[k];
         let (off, ray_off) = ([off(0), off(1)], [ray_off(0), ray_off(1)]);
         // Twice the cosine between the bisector and both normals.
-        let spread = (2.0 + 2.0 * self.cosine).sqrt().max(1e-3);
+        let spread = (2.0 + 2.0 * self.cosine).sqrt().max(LEAST_SINE);
         if ray_off[0].min(ray_off[1]) < 0.5 * LEAST_COSINE * spread {
             return None;
         }

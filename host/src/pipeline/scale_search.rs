@@ -1,0 +1,204 @@
+//! Seams sought in voxels of one size, and in larger ones until some show (ours; the paper has one size, typed by hand).
+
+use super::{Clock, Config, Method, Observer, PlanError, no_seam};
+use crate::geometry::cloud::{Merged, PointCloud, View};
+use crate::geometry::grid::Grid;
+use crate::geometry::mesh::Mesh;
+use crate::model::downsampling;
+use crate::model::downsampling::{Scale, Voxels};
+use crate::model::reconstruction::Registration;
+use crate::model::{denoising, orientation};
+use crate::seam::score::{edges, paper};
+use crate::seam::{Cues, Found, INDEX_VOXELS, Input, RawScan, Seam, SurfaceModel, extraction};
+use nalgebra::{Isometry3, Vector3};
+
+// All chosen on the simulated scans and on scans of other people.
+
+/// Seams shorter than this, in voxels, ask for larger ones; those must show clearly more, by this factor.
+const WEAK_VOXELS: f64 = 22.0;
+const CLEARLY: f64 = 1.5;
+/// The smaller of the larger voxels, in multiples of the first, and the largest, which still resolves thick plates, mm.
+const COARSER: f32 = 1.8;
+const COARSEST_MM: f32 = 3.0;
+/// Sizes by less than this factor apart are one.
+const ANOTHER_SIZE: f32 = 1.1;
+/// Fewer voxels than this cannot make two faces.
+const MIN_POINTS: usize = 40;
+
+/// Registered views, in which seams are sought.
+pub(super) struct ScaleSearch<'a> {
+    pub views: &'a [View],
+    pub merged: &'a Merged,
+    /// Spatial index of its points.
+    pub raw: &'a Grid,
+    pub registration: &'a Registration,
+    pub config: &'a Config,
+}
+
+/// What one size of voxels showed.
+pub(super) struct ScaleResult {
+    pub scale: Scale,
+    pub model: Model,
+    pub found: Found,
+}
+
+/// The thinned and filtered cloud, and what is known of its neighbourhoods.
+pub(super) struct Model {
+    pub voxels: Voxels,
+    pub cloud: PointCloud,
+    /// Spatial index of the cloud.
+    pub index: Grid,
+    asymmetries: Vec<Vector3<f32>>,
+}
+
+impl Model {
+    fn surface(&self) -> SurfaceModel<'_> {
+        let Self { voxels, cloud, index, asymmetries } = self;
+        SurfaceModel { voxels, cloud, index, asymmetries }
+    }
+}
+
+impl ScaleSearch<'_> {
+    /// The raw scan, as the search for seams reads it.
+    pub(super) fn raw_scan(&self) -> RawScan<'_> {
+        RawScan {
+            merged: self.merged,
+            index: self.raw,
+            registration: Some(self.registration),
+            view_names: self.views.iter().map(|view| view.name.as_str()).collect(),
+            cameras_known: self.cameras_known(),
+        }
+    }
+
+    pub(super) fn cameras_known(&self) -> bool {
+        self.views.iter().all(|view| view.camera_known)
+    }
+
+    /// The mesh that is the scan, and its pose.
+    fn mesh(&self) -> Option<(&Mesh, &Isometry3<f64>)> {
+        let [view] = self.views else { return None };
+        Some((view.mesh.as_deref()?, self.registration.base_from_camera.first()?))
+    }
+
+    /// Tries larger voxels than `first` until seams show; the size with clearly the most of them.
+    pub(super) fn best(
+        &self,
+        first: &Scale,
+        clock: &mut Clock,
+        observer: &mut impl Observer,
+    ) -> Result<ScaleResult, PlanError> {
+        let coarser = coarser(first);
+        let steps = self.raw_scan().has_whole_views() || coarser.is_empty();
+        let mut best = self.at(first, Cues { steps, blurred: false }, clock, observer)?;
+        let mut settled = self.settles(&best);
+        for (k, scale) in coarser.iter().enumerate() {
+            if settled {
+                break;
+            }
+            let cues = Cues { steps: true, blurred: k + 1 == coarser.len() };
+            // Where larger voxels are too few, those before them have the last word.
+            let Ok(result) = self.at(scale, cues, clock, observer) else { break };
+            settled = self.settles(&result);
+            if result.length_mm() > CLEARLY * best.length_mm() {
+                best = result;
+            }
+        }
+        Ok(best)
+    }
+
+    /// Seams in voxels of one size.
+    fn at(
+        &self,
+        scale: &Scale,
+        cues: Cues,
+        clock: &mut Clock,
+        observer: &mut impl Observer,
+    ) -> Result<ScaleResult, PlanError> {
+        let model = self.model(scale, clock, observer);
+        if model.cloud.len() < MIN_POINTS {
+            let count = model.cloud.len();
+            let reason =
+                format!("{count} voxels are too few for two faces; at least {MIN_POINTS} are needed");
+            return Err(no_seam(reason));
+        }
+        let found = clock.stage("seam", observer, || match self.config.method {
+            Method::Weldpath => {
+                let input = Input { scan: self.raw_scan(), model: model.surface(), cues };
+                match self.mesh() {
+                    Some((mesh, pose)) => extraction::find_in_mesh(&input, mesh, pose, &self.config.seam),
+                    None => extraction::find(&input, &self.config.seam),
+                }
+            }
+            Method::Paper { ratio_threshold } => paper::find(&model.surface(), ratio_threshold),
+        });
+        Ok(ScaleResult { scale: *scale, model, found })
+    }
+
+    /// The cloud thinned to voxels of one size, filtered, and indexed.
+    fn model(&self, scale: &Scale, clock: &mut Clock, observer: &mut impl Observer) -> Model {
+        let mut voxels = clock.stage("downsampling", observer, || {
+            downsampling::voxel_grid(self.merged, scale.edge_mm, scale.least)
+        });
+        if self.config.method != Method::Weldpath {
+            voxels.fit_around_points(scale.bilateral().radius_mm);
+        }
+        let orientation_unknown = !self.views.iter().all(View::tells_orientation);
+        // The filter moves points along their normals, whichever way these face: neither it nor what follows from places
+        // alone need wait to be told.
+        let turned = || orientation_unknown.then(|| orientation::propagated(&voxels));
+        let filtered = || {
+            let cloud = denoising::bilateral(&voxels.cloud, &scale.bilateral());
+            let reach_mm = INDEX_VOXELS * voxels.edge_mm;
+            let index = Grid::new(&cloud.points_mm, reach_mm);
+            let asymmetries = edges::asymmetries(&index, reach_mm);
+            (cloud, index, asymmetries)
+        };
+        let (turned, (mut cloud, index, asymmetries)) =
+            clock.stage("denoising", observer, || rayon::join(turned, filtered));
+        if let Some(normals) = turned {
+            cloud.normals.clone_from(&normals);
+            voxels.turn(normals);
+        }
+        observer.cloud("downsampling", &voxels.cloud);
+        observer.cloud("denoising", &cloud);
+        Model { voxels, cloud, index, asymmetries }
+    }
+
+    /// Whether larger voxels have nothing to add. Views that show a whole scene without a seam at their own scale
+    /// show none.
+    fn settles(&self, result: &ScaleResult) -> bool {
+        if self.config.method == Method::Weldpath && self.mesh().is_some() {
+            return true;
+        }
+        if result.found.seams.is_empty() {
+            self.raw_scan().has_whole_views()
+        } else {
+            self.config.method != Method::Weldpath || !result.is_weak()
+        }
+    }
+}
+
+impl ScaleResult {
+    /// Of all its seams, mm.
+    fn length_mm(&self) -> f64 {
+        self.found.seams.iter().map(Seam::length_mm).sum()
+    }
+
+    /// Whether only scraps show, as of a blurred valley in voxels that are too small.
+    fn is_weak(&self) -> bool {
+        let longest_mm = self.found.seams.iter().map(Seam::length_mm).fold(0.0, f64::max);
+        longest_mm < WEAK_VOXELS * f64::from(self.scale.edge_mm)
+    }
+}
+
+/// The larger voxels that are tried until seams show: blurred or quantised clouds show theirs only in these.
+fn coarser(first: &Scale) -> Vec<Scale> {
+    let mut scales = vec![*first];
+    let edges_mm = [COARSER * first.edge_mm, COARSEST_MM];
+    for edge_mm in edges_mm.into_iter().filter(|edge| *edge <= COARSEST_MM) {
+        if scales.last().is_some_and(|last| edge_mm > ANOTHER_SIZE * last.edge_mm) {
+            scales.push(first.coarser(edge_mm / first.edge_mm));
+        }
+    }
+    scales.split_off(1)
+}

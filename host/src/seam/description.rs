@@ -1,0 +1,110 @@
+//! A refined chain as a seam: stations in the base frame, confidence, expected errors and warnings (ours).
+
+use super::input::RawScan;
+use super::measure::dimension::Dimension;
+use super::refine::Refined;
+use super::refine::expected::Expected;
+use super::trace::Chain;
+use super::{Joint, Seam, Station};
+use nalgebra::Point3;
+
+/// Error from the registration, in standard deviations of the points' noise, above which a seam carries a warning. Chosen
+/// on the simulated scans.
+const LOOSE_NOISES: f64 = 0.38;
+/// Standard deviations that a warning names.
+const NAMED_DEVIATIONS: f64 = 2.0;
+/// Longest bridged stretch that is not told, mm.
+const UNTOLD_BRIDGE_MM: f64 = 4.0;
+/// Least confidence, and largest expected error of the torch, degrees, with which a seam is offered. Chosen on the
+/// simulated scans.
+const LEAST_CONFIDENCE: f64 = 0.6;
+const MOST_ERROR_DEG: f64 = 6.0;
+/// Corners to a link of a chain, and share of the points about them on the two faces, from which on nothing is missing to
+/// full confidence. Chosen on the simulated scans.
+const FULL_CORNERS: f64 = 3.0;
+const FULL_SHARE: f32 = 0.8;
+
+/// What kind of joint a seam is, why, and what was measured of it.
+pub(super) struct Identity {
+    pub(super) joint: Joint,
+    pub(super) reason: String,
+    pub(super) dimensions: Vec<Dimension>,
+}
+
+/// A refined chain as a seam; its number is given when all are known.
+pub(super) fn described(
+    scan: &RawScan,
+    chain: &Chain,
+    seam: &Refined,
+    expected: &Expected,
+    identity: Identity,
+) -> Seam {
+    let station = |f: &super::refine::frame::Frame| Station {
+        position_mm: scan.merged.origin_mm + f.position.coords.cast::<f64>(),
+        tangent: f.tangent.cast(),
+        faces: f.faces.map(|n| n.cast()),
+    };
+    let Identity { joint, reason, dimensions } = identity;
+    Seam {
+        id: 0,
+        joint,
+        reason,
+        stations: seam.frames.iter().map(station).collect(),
+        closed: seam.closed,
+        confidence: confidence(chain, seam),
+        expected_error_mm: expected.position_mm,
+        expected_error_deg: expected.orientation_rad.to_degrees(),
+        dimensions,
+        warnings: warnings(scan, seam, expected),
+    }
+}
+
+/// 0..1: by the share of stations that were measured, the corners that support each link, and how clean these are.
+fn confidence(chain: &Chain, seam: &Refined) -> f64 {
+    let measured = seam.measured.iter().filter(|m| **m).count() as f64 / seam.measured.len() as f64;
+    let density = chain.support as f64 / (FULL_CORNERS * chain.links.len() as f64);
+    (measured * density.min(1.0) * f64::from(chain.share / FULL_SHARE).min(1.0)).clamp(0.0, 1.0)
+}
+
+fn warnings(scan: &RawScan, seam: &Refined, expected: &Expected) -> Vec<String> {
+    let mut warnings = Vec::new();
+    if expected.registration_mm > LOOSE_NOISES * seam.sigma_mm {
+        let views: Vec<&str> =
+            expected.loose_views.iter().filter_map(|&k| scan.view_names.get(k).copied()).collect();
+        let d = expected.loosest;
+        warnings.push(format!(
+            "{} not tied down along ({:.2}, {:.2}, {:.2}) by surfaces that other views share: the seam may be off by {:.1} mm \
+             there; add a view that sees those faces together with the first view's",
+            if views.len() == 1 { format!("{} is", views[0]) } else { format!("{} are", views.join(", ")) },
+            d.x,
+            d.y,
+            d.z,
+            NAMED_DEVIATIONS * expected.registration_mm
+        ));
+    }
+    let bridged_mm = seam.longest_gap() as f64 * f64::from(seam.step_mm);
+    if bridged_mm > UNTOLD_BRIDGE_MM {
+        warnings.push(format!("{bridged_mm:.0} mm were bridged without points: scan that part again"));
+    }
+    warnings
+}
+
+/// Whether a seam is sure enough to be offered.
+pub(super) fn is_sure(seam: &Seam) -> bool {
+    seam.confidence >= LEAST_CONFIDENCE && seam.expected_error_deg <= MOST_ERROR_DEG
+}
+
+/// What is said of a seam that is not.
+pub(super) fn left_out(seam: &Seam) -> String {
+    let place = seam.stations.get(seam.stations.len() / 2).map_or(Point3::origin(), |s| s.position_mm);
+    format!(
+        "an inside corner of {:.0} mm near {:.0},{:.0},{:.0} is too uncertain to weld (confidence {:.0} %, torch to {:.0} deg): \
+         scan it again from nearer, or from more sides",
+        seam.length_mm(),
+        place.x,
+        place.y,
+        place.z,
+        100.0 * seam.confidence,
+        seam.expected_error_deg
+    )
+}

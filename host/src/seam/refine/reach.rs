@@ -1,0 +1,139 @@
+//! How far a face extends from the seam before it bends away or ends (ours).
+
+use super::beside::Beside;
+use super::face::{LEAST_SIGMA_MM, OUTLIER_DEVIATIONS, bisquare};
+use crate::geometry::statistics::{median, robust_deviation};
+use nalgebra::{Matrix3, Vector3};
+
+// All chosen on the simulated scans.
+
+/// Fewer points of the inner part show no face.
+const LEAST_POINTS: usize = 100;
+/// Width of a strip along the seam, in inner parts.
+const STRIP: f32 = 0.077;
+/// Strips of the inner part, from its end, that are looked at, too.
+const STRIPS_BEFORE: usize = 2;
+/// Share of the usual points below which a strip misses some.
+const MISSING: f32 = 0.35;
+/// How far the median of a strip may be off the face: standard deviations of the points, at least this, mm, and for each
+/// mm beyond the inner part this much more, mm.
+const OFF_DEVIATIONS: f64 = 0.6;
+const OFF_MM: f64 = 0.015;
+const DRIFT: f64 = 0.02;
+/// Strips before the one in which a face ends that are left out: where it misses points, and where it bends away.
+const BEFORE_GAP: f32 = 1.0;
+const BEFORE_LIP: f32 = 2.5;
+/// Least reach, in inner parts.
+const LEAST_REACH: f32 = 0.6;
+/// Rounds of weighing and fitting of the parabola.
+const ROUNDS: usize = 4;
+/// Points that share one error, and deviations of a curvature from which on it is significant.
+const SHARED_ERROR: f64 = 8.0;
+const SIGNIFICANT: f64 = 6.0;
+
+/// Scales of [`reach`], mm.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Reach {
+    /// Points nearer to the seam are left out.
+    pub(super) from_mm: f32,
+    /// Part next to the seam that is taken for the face without question.
+    pub(super) inner_mm: f32,
+    /// Farthest that is ever used.
+    pub(super) most_mm: f32,
+}
+
+/// How far a face extends from the seam before it bends away or ends, mm.
+///
+/// A robust parabola over the inner part is continued outward; the face ends at the first strip whose median departs
+/// from it, or in which points are missing. A lip inside the window would cost half a millimetre.
+pub(super) fn reach(points: &[Beside], scale: &Reach) -> f32 {
+    let inner: Vec<(f64, f64)> = points
+        .iter()
+        .filter(|p| p.u > scale.from_mm && p.u < scale.inner_mm)
+        .map(|p| (f64::from(p.u), f64::from(p.h)))
+        .collect();
+    if inner.len() < LEAST_POINTS {
+        return scale.inner_mm.min(scale.most_mm);
+    }
+    let Some(face) = Parabola::fitted(&inner) else { return scale.inner_mm };
+    let strip = STRIP * scale.inner_mm;
+    let mut heights = by_strip(points, strip, (scale.most_mm / strip) as usize + 1);
+    let first = (scale.from_mm / strip) as usize + 1;
+    let last_inner = (scale.inner_mm / strip) as usize;
+    let mut counts: Vec<f32> =
+        heights[first..last_inner.min(heights.len())].iter().map(|h| h.len() as f32).collect();
+    let usual = median(&mut counts);
+    let gate = (OFF_DEVIATIONS * face.sigma).max(OFF_MM);
+    for (k, strip_heights) in heights.iter_mut().enumerate().skip(last_inner - STRIPS_BEFORE) {
+        let begin = k as f32 * strip;
+        if (strip_heights.len() as f32) < MISSING * usual {
+            return (begin - BEFORE_GAP * strip).max(LEAST_REACH * scale.inner_mm);
+        }
+        let middle = f64::from(begin + 0.5 * strip);
+        let drift = DRIFT * (middle - f64::from(scale.inner_mm)).max(0.0);
+        if (f64::from(median(strip_heights)) - face.height(middle)).abs() > gate + drift {
+            return (begin - BEFORE_LIP * strip).max(LEAST_REACH * scale.inner_mm);
+        }
+    }
+    scale.most_mm
+}
+
+/// Heights of the points in strips along the seam.
+fn by_strip(points: &[Beside], strip: f32, count: usize) -> Vec<Vec<f32>> {
+    let mut heights: Vec<Vec<f32>> = vec![Vec::new(); count];
+    for p in points.iter().filter(|p| p.u > 0.0) {
+        if let Some(strip) = heights.get_mut((p.u / strip) as usize) {
+            strip.push(p.h);
+        }
+    }
+    heights
+}
+
+/// Height of a face over the distance from the seam, and the noise of its points.
+struct Parabola {
+    /// Coefficients of `1, u, u²`.
+    terms: Vector3<f64>,
+    sigma: f64,
+}
+
+impl Parabola {
+    /// Robust `1, u, u²` through points `(u, h)`, with the curvature dropped where it is not significant.
+    fn fitted(points: &[(f64, f64)]) -> Option<Self> {
+        let (curved, deviation) = Self::bisquare(points, true)?;
+        if curved.terms[2].abs() >= SIGNIFICANT * deviation {
+            return Some(curved);
+        }
+        let (mut straight, _) = Self::bisquare(points, false)?;
+        straight.terms[2] = 0.0;
+        Some(straight)
+    }
+
+    /// The fit, and the standard deviation of its curvature.
+    fn bisquare(points: &[(f64, f64)], curved: bool) -> Option<(Self, f64)> {
+        let row = |u: f64| Vector3::new(1.0, u, if curved { u * u } else { 0.0 });
+        let (mut x, mut limit, mut inverse, mut sigma) =
+            (Vector3::zeros(), f64::INFINITY, Matrix3::zeros(), 0.0);
+        for round in 0..ROUNDS {
+            let (mut a, mut b) = (Matrix3::zeros(), Vector3::zeros());
+            for (u, h) in points {
+                let r = row(*u);
+                let w = if round == 0 { 1.0 } else { bisquare((h - r.dot(&x)) / limit) };
+                a.ger(w, &r, &r, 1.0);
+                b.axpy(w * h, &r, 1.0);
+            }
+            if !curved {
+                a[(2, 2)] = 1.0;
+            }
+            inverse = a.try_inverse()?;
+            x = inverse * b;
+            let mut misses: Vec<f64> = points.iter().map(|(u, h)| (h - row(*u).dot(&x)).abs()).collect();
+            sigma = robust_deviation(&mut misses).max(LEAST_SIGMA_MM);
+            limit = OUTLIER_DEVIATIONS * sigma;
+        }
+        Some((Self { terms: x, sigma }, (inverse[(2, 2)] * SHARED_ERROR).sqrt() * sigma))
+    }
+
+    fn height(&self, u: f64) -> f64 {
+        self.terms[0] + self.terms[1] * u + self.terms[2] * u * u
+    }
+}
