@@ -16,6 +16,7 @@ mod schema;
 mod score;
 mod simulate;
 mod stream;
+mod suite;
 mod table;
 mod weld;
 

@@ -215,6 +215,20 @@ pub fn points(path: &Path) -> Result<Vec<Point3<f32>>, Error> {
     })
 }
 
+/// The triangles of an STL, OBJ or PLY mesh, mm, in the frame of the file; none of a file without triangles. Triangles
+/// with a corner that is not finite are left out.
+///
+/// # Errors
+/// As [`read`].
+pub fn triangles(path: &Path, options: &Options) -> Result<Vec<[Point3<f64>; 3]>, Error> {
+    let raw = parsed(path)?;
+    let (mut notes, mut warnings) = (Vec::new(), Vec::new());
+    let mm_per_unit = units::decide(options.units, raw.unit, &raw.extent(), &mut notes, &mut warnings);
+    let corner = |i: usize| Point3::from(raw.positions.at(i) * mm_per_unit);
+    let finite = |t: &[Point3<f64>; 3]| t.iter().all(|p| p.iter().all(|c| c.abs() <= raw::FARTHEST));
+    Ok(raw.triangles.iter().map(|t| t.map(corner)).filter(finite).collect())
+}
+
 /// What one file tells: its points, as they stand in it, and more.
 fn parsed(path: &Path) -> Result<Raw, Error> {
     if let Some(raw) = fast::read(path) {

@@ -3,3 +3,4 @@
 pub mod comparison;
 pub mod evaluation;
 pub mod simulation;
+pub mod suite;

@@ -16,16 +16,16 @@ use weldpath::report;
 use weldpath::run::job::Job;
 use weldpath::run::job::quantity::StandoffMm;
 
-use super::{Exit, Failure, print};
+use super::{Exit, Failure, print, suite};
 
 /// Score a plan against the truth, or against a path that was taught
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
     /// Folder that `weldpath plan` wrote, or a path.csv
-    #[arg(required_unless_present = "paper")]
+    #[arg(required_unless_present_any = ["paper", "suite"])]
     dir: Option<PathBuf>,
     /// truth.json of a simulated scan, or a taught path as CSV
-    #[arg(long, value_name = "FILE", required_unless_present = "paper")]
+    #[arg(long, value_name = "FILE", required_unless_present_any = ["paper", "suite"])]
     truth: Option<PathBuf>,
     /// Which line of a groove the path should follow
     #[arg(long, default_value = "apex", value_parser = PossibleValuesParser::new(["apex", "root"]).map(target))]
@@ -39,6 +39,9 @@ pub(super) struct Args {
     /// Show the deviation in DIR/report.html as well
     #[arg(long)]
     report: bool,
+    /// Plan every scan, mesh and cloud below this folder instead, and print what is covered and what is false
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["dir", "truth", "standoff_mm", "report", "paper"])]
+    suite: Option<PathBuf>,
     /// Make the paper's tables and figures instead, beside its numbers: DIR/paper.html
     #[arg(long, conflicts_with_all = ["dir", "truth", "standoff_mm", "report"])]
     paper: bool,
@@ -100,6 +103,9 @@ struct Fitness {
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    if let Some(folder) = &args.suite {
+        return suite::run(folder, args.json, args.quiet);
+    }
     match (&args.dir, &args.truth) {
         (Some(dir), Some(truth)) if !args.paper => against(args, dir, truth),
         _ => paper(args),

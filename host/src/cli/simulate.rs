@@ -3,8 +3,9 @@
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
+use weldpath::input;
 use weldpath::lab::simulation;
-use weldpath::lab::simulation::{Error, Format, Noise, Part, Pose, Request};
+use weldpath::lab::simulation::{Error, Format, MeshRequest, Noise, Part, Pose, Request, Weld};
 
 use super::{Exit, Failure, print, whole};
 
@@ -12,12 +13,21 @@ use super::{Exit, Failure, print, whole};
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
     /// fillet, lap, round-lap, corner, pipe, butt-v, saddle, branch, tacked, scurve, cruciform, plate or box
-    #[arg(long)]
-    part: Part,
+    #[arg(long, required_unless_present = "mesh", conflicts_with = "mesh")]
+    part: Option<Part>,
+    /// Scan this STL, OBJ or PLY mesh instead, as it lies with z up on a table
+    #[arg(long, value_name = "FILE")]
+    mesh: Option<PathBuf>,
+    /// What is to be welded of the mesh (weld_vectors.json, mm) [default: its inside corners]
+    #[arg(long, value_name = "FILE", requires = "mesh")]
+    welds: Option<PathBuf>,
+    /// Distance of the cameras from the middle of the mesh [default: 0.75 of its plan's diagonal, 300 to 700]
+    #[arg(long, value_name = "MM", requires = "mesh", allow_negative_numbers = true)]
+    distance_mm: Option<f64>,
     /// Folder for scan.json, the views and truth.json
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Number of views [default: as many as the part needs]
+    /// Number of views [default: as many as the part needs, 8 of a mesh]
     #[arg(long, value_name = "N", value_parser = whole::<usize>, allow_negative_numbers = true)]
     views: Option<usize>,
     /// none, low, mid or high
@@ -27,7 +37,7 @@ pub(super) struct Args {
     #[arg(long, default_value_t = 1, value_parser = whole::<u64>, allow_negative_numbers = true)]
     seed: u64,
     /// How the part lies: flat, tilted, horizontal or vertical
-    #[arg(long, default_value_t = Pose::Flat)]
+    #[arg(long, default_value_t = Pose::Flat, conflicts_with = "mesh")]
     pose: Pose,
     /// How views are stored: png (16-bit depth) or ply
     #[arg(long, default_value_t = Format::Png)]
@@ -36,16 +46,16 @@ pub(super) struct Args {
     #[arg(long, value_name = "WxH", default_value = "640x480")]
     size: Size,
     /// Included angle of a groove, or between plate and web
-    #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
+    #[arg(long, value_name = "DEG", conflicts_with = "mesh", allow_negative_numbers = true)]
     angle_deg: Option<f64>,
     /// Length of a straight seam
-    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
+    #[arg(long, value_name = "MM", conflicts_with = "mesh", allow_negative_numbers = true)]
     length_mm: Option<f64>,
     /// Distance of the members at the root; butt-v, fillet and lap only
-    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
+    #[arg(long, value_name = "MM", conflicts_with = "mesh", allow_negative_numbers = true)]
     root_opening_mm: Option<f64>,
     /// Scan badly on purpose: views that share too little; branch and tacked only
-    #[arg(long)]
+    #[arg(long, conflicts_with = "mesh")]
     weak: bool,
     /// Print nothing but errors
     #[arg(long, short)]
@@ -71,16 +81,20 @@ impl FromStr for Size {
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     keep_real_scans(&args.out)?;
-    let scan = simulation::simulate(&request(args)).map_err(failure)?;
+    let scan = match (args.part, &args.mesh) {
+        (Some(part), _) => simulation::simulate(&request(args, part)).map_err(failure)?,
+        (None, Some(mesh)) => simulation::simulate_mesh(&of_mesh(args, mesh)?).map_err(failure)?,
+        (None, None) => return Err(Failure::new(Exit::Usage, "neither --part nor --mesh is given")),
+    };
     simulation::write(&scan, &args.out).map_err(failure)?;
     let (out, views, seams) = (args.out.display(), scan.views.len(), scan.truth.seams.len());
     let text = format!("{out}: {views} views, {seams} seams in truth.json\nnext: weldpath plan {out}\n");
     if args.quiet { Ok(()) } else { print(&text) }
 }
 
-fn request(args: &Args) -> Request {
+fn request(args: &Args, part: Part) -> Request {
     Request {
-        part: args.part,
+        part,
         pose: args.pose,
         views: args.views,
         noise: args.noise,
@@ -93,6 +107,32 @@ fn request(args: &Args) -> Request {
         length_mm: args.length_mm,
         root_opening_mm: args.root_opening_mm,
     }
+}
+
+/// Views of a mesh, if not told otherwise.
+const MESH_VIEWS: usize = 8;
+
+fn of_mesh(args: &Args, mesh: &Path) -> Result<MeshRequest, Failure> {
+    let unread = |error: &dyn std::fmt::Display| Failure::new(Exit::Input, error);
+    let triangles = input::triangles(mesh, &input::Options::default()).map_err(|e| unread(&e))?;
+    let list = |path: &PathBuf| {
+        let named = |e: &dyn std::fmt::Display| unread(&format!("{}: {e}", path.display()));
+        let bytes = std::fs::read(path).map_err(|e| named(&e))?;
+        Weld::list(&bytes).map_err(|e| {
+            named(&e).hint("a list of welds is {\"welds\": [{\"start\": {\"xyz\", \"pose\"}, \"end\": ...}]}")
+        })
+    };
+    Ok(MeshRequest {
+        name: mesh.file_stem().map_or_else(|| "mesh".into(), |stem| stem.to_string_lossy().into_owned()),
+        triangles,
+        welds: args.welds.as_ref().map(list).transpose()?,
+        views: args.views.unwrap_or(MESH_VIEWS),
+        noise: args.noise,
+        seed: args.seed,
+        size_px: [args.size.width, args.size.height],
+        distance_mm: args.distance_mm,
+        format: args.format,
+    })
 }
 
 /// A scan without truth beside it was not simulated, and cannot be had again.

@@ -7,7 +7,9 @@
 
 mod camera;
 mod capture;
+mod facet;
 mod files;
+mod mesh;
 mod noise;
 mod placement;
 mod random;
@@ -20,6 +22,7 @@ mod workpiece;
 
 pub use camera::{Camera, DepthImage, RANGE_MM};
 pub use files::write;
+pub use mesh::{MeshRequest, Weld, mesh_truth, simulate_mesh};
 pub use noise::Noise;
 pub use request::{Error, Format, Part, Pose, Request};
 pub use rotation::UrPose;
@@ -104,16 +107,44 @@ fn recorded(
     base_from_camera: &[Isometry3<f64>],
     truth: Truth,
 ) -> Simulated {
-    let camera = Camera::with_size(request.width, request.height);
-    // Pieces with the same seed do not share their noise: errors over many pieces are to be independent.
-    let seed = random::Stream::new(request.seed, request.part.name(), 2).next();
-    let view = |(i, pose): (usize, &Isometry3<f64>)| SimulatedView {
-        image: camera.capture(scene, pose, request.noise, seed, i as u64),
-        base_from_flange: placement::reported(pose, request, i),
+    let recording = Recording {
+        name: request.part.name(),
+        seed: request.seed,
+        noise: request.noise,
+        size_px: [request.width, request.height],
+        poses: placement::PoseErrors::of(request.noise, [1.0, 3.0], [0.3, 1.0]),
     };
-    let views = base_from_camera.iter().enumerate().map(view).collect();
-    let flange_from_camera = placement::flange_from_camera();
-    Simulated { camera, flange_from_camera, views, truth, format: request.format }
+    recording.of(scene, base_from_camera, truth, request.format)
+}
+
+/// What camera and robot add to what there is to see.
+struct Recording<'a> {
+    /// Of the piece: pieces with the same seed do not share their noise, so that errors over many pieces are independent.
+    name: &'a str,
+    seed: u64,
+    noise: Noise,
+    size_px: [u32; 2],
+    poses: placement::PoseErrors,
+}
+
+impl Recording<'_> {
+    fn of(
+        &self,
+        scene: &Scene,
+        base_from_camera: &[Isometry3<f64>],
+        truth: Truth,
+        format: Format,
+    ) -> Simulated {
+        let camera = Camera::with_size(self.size_px[0], self.size_px[1]);
+        let seed = random::Stream::new(self.seed, self.name, 2).next();
+        let poses = random::Stream::new(self.seed, self.name, 3);
+        let view = |(i, pose): (usize, &Isometry3<f64>)| SimulatedView {
+            image: camera.capture(scene, pose, self.noise, seed, i as u64),
+            base_from_flange: self.poses.reported(pose, &poses, i),
+        };
+        let views = base_from_camera.iter().enumerate().map(view).collect();
+        Simulated { camera, flange_from_camera: placement::flange_from_camera(), views, truth, format }
+    }
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use std::collections::HashMap;
 use std::path::Path;
 
 /// One or more torch paths, point after point.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct PathSet {
     /// Positions, mm.
     pub points_mm: Vec<Vector3<f64>>,
@@ -63,6 +63,17 @@ impl PathSet {
             seams.push(record.get(column).unwrap_or_default().to_owned());
         }
         Ok(())
+    }
+
+    /// The points of the seam with this name.
+    pub fn of_seam(&self, name: &str) -> Self {
+        let is_own = |i: &usize| self.seams.as_ref().is_some_and(|seams| seams[*i] == name);
+        let own: Vec<usize> = (0..self.points_mm.len()).filter(is_own).collect();
+        Self {
+            points_mm: own.iter().map(|&i| self.points_mm[i]).collect(),
+            frames: self.frames.as_ref().map(|frames| own.iter().map(|&i| frames[i]).collect()),
+            seams: self.seams.as_ref().map(|seams| own.iter().map(|&i| seams[i].clone()).collect()),
+        }
     }
 
     /// Points with a stand-off along the torch axis taken away.

@@ -8,7 +8,7 @@ use super::{Noise, Pose, Request};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 /// Height of the table's top.
-const TABLE_MM: f64 = 40.0;
+pub(super) const TABLE_MM: f64 = 40.0;
 /// Cameras stay this far above the table.
 const CLEARANCE_MM: f64 = 80.0;
 /// An upright piece is held this far above the table.
@@ -28,19 +28,33 @@ pub(super) fn flange_from_camera() -> Isometry3<f64> {
     Isometry3::from_parts(Translation3::new(-10.3, -122.4, 74.8), turn)
 }
 
-/// What the robot reports of view `i`, truly at `base_from_camera`: exact for the first, else 1-3 mm and 0.3-1 degree off.
-pub(super) fn reported(base_from_camera: &Isometry3<f64>, request: &Request, i: usize) -> UrPose {
-    let mut random = Stream::new(request.seed, request.part.name(), 3).at(i as u64);
-    let (shift, axis) = (random.direction(), random.direction());
-    let (shift_mm, turn_deg) = match (i, request.noise) {
-        (0, _) | (_, Noise::None) => (0.0, 0.0),
-        _ => (random.between(1.0, 3.0), random.between(0.3, 1.0)),
-    };
-    let moved = Isometry3::from_parts(
-        Translation3::from(base_from_camera.translation.vector + shift * shift_mm),
-        about(axis, turn_deg) * base_from_camera.rotation,
-    );
-    UrPose::reported(&(moved * flange_from_camera().inverse()))
+/// How far the poses that the robot reports are off, least and most. The first is exact.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct PoseErrors {
+    shift_mm: [f64; 2],
+    turn_deg: [f64; 2],
+}
+
+impl PoseErrors {
+    /// These with a noisy camera, none with an exact one.
+    pub(super) fn of(noise: Noise, shift_mm: [f64; 2], turn_deg: [f64; 2]) -> Self {
+        let exact = noise == Noise::None;
+        let if_noisy = |range: [f64; 2]| if exact { [0.0; 2] } else { range };
+        Self { shift_mm: if_noisy(shift_mm), turn_deg: if_noisy(turn_deg) }
+    }
+
+    /// What the robot reports of view `i`, truly at `base_from_camera`.
+    pub(super) fn reported(&self, base_from_camera: &Isometry3<f64>, random: &Stream, i: usize) -> UrPose {
+        let mut random = random.at(i as u64);
+        let (shift, axis) = (random.direction(), random.direction());
+        let mut drawn = |[low, high]: [f64; 2]| if i == 0 { 0.0 } else { random.between(low, high) };
+        let (shift_mm, turn_deg) = (drawn(self.shift_mm), drawn(self.turn_deg));
+        let moved = Isometry3::from_parts(
+            Translation3::from(base_from_camera.translation.vector + shift * shift_mm),
+            about(axis, turn_deg) * base_from_camera.rotation,
+        );
+        UrPose::reported(&(moved * flange_from_camera().inverse()))
+    }
 }
 
 impl Placement {
@@ -116,9 +130,14 @@ fn piece_from_camera(view: &Viewpoint, random: &mut Stream) -> Isometry3<f64> {
     );
     let roll_deg = about_value(0.0, 5.0);
     let forward = -Vector3::new(cos_e * cos_a, cos_e * sin_a, sin_e);
+    aimed(target - forward * distance, forward, roll_deg)
+}
+
+/// A camera that looks along the unit vector `forward`, turned about it by `roll_deg` from upright.
+pub(super) fn aimed(eye: Vector3<f64>, forward: Vector3<f64>, roll_deg: f64) -> Isometry3<f64> {
     // Down in the image is down in the world; looking straight down, the long side of the piece lies along the rows.
     let hint = if forward.z < -0.9 { -Vector3::y() } else { -Vector3::z() };
     let down = (hint - forward * hint.dot(&forward)).normalize();
     let rotation = from_columns(down.cross(&forward), down, forward) * about(Vector3::z(), roll_deg);
-    Isometry3::from_parts(Translation3::from(target - forward * distance), rotation)
+    Isometry3::from_parts(Translation3::from(eye), rotation)
 }

@@ -125,6 +125,9 @@ pub enum Error {
         /// Parts that have it.
         choices: &'static str,
     },
+    /// A mesh that has nothing to see.
+    #[error("the mesh has no triangle with an area")]
+    EmptyMesh,
     /// The folder or a file in it cannot be written.
     #[error("cannot write {path}: {source}")]
     Write {
@@ -299,7 +302,7 @@ impl Request {
     }
 }
 
-fn within(name: &'static str, value: f64, low: f64, high: f64) -> Result<(), Error> {
+pub(super) fn within(name: &'static str, value: f64, low: f64, high: f64) -> Result<(), Error> {
     let good = (low..=high).contains(&value);
     if good { Ok(()) } else { Err(Error::OutOfRange { name, value, low, high }) }
 }

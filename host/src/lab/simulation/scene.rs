@@ -1,14 +1,38 @@
 //! All solids in view and the table under them, with a bounding-volume hierarchy for speed. Millimetres, base frame.
 
+use super::facet::Facet;
 use super::solid::{Hit, Ray, Solid};
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 
-/// Solids and a table, in the base frame.
+/// Solids or a mesh and a table, in the base frame.
 #[derive(Debug, Clone)]
 pub struct Scene {
-    solids: Vec<Solid>,
+    bodies: Vec<Body>,
     tree: Option<Node>,
     table_mm: f64,
+}
+
+/// Something that a ray can meet.
+#[derive(Debug, Clone)]
+pub(super) enum Body {
+    Solid(Solid),
+    Facet(Facet),
+}
+
+impl Body {
+    fn corners(&self) -> &[Point3<f64>] {
+        match self {
+            Self::Solid(solid) => solid.corners(),
+            Self::Facet(facet) => &facet.corners,
+        }
+    }
+
+    fn first_hit(&self, ray: &Ray) -> Option<Hit> {
+        match self {
+            Self::Solid(solid) => solid.first_hit(ray),
+            Self::Facet(facet) => facet.hit(ray),
+        }
+    }
 }
 
 #[derive(Debug, Clone)]
@@ -29,14 +53,28 @@ struct Node {
     below: Below,
 }
 
-/// A leaf of the tree holds at most this many solids.
+/// A leaf of the tree holds at most this many bodies.
 const LEAF: usize = 3;
 
 impl Scene {
     pub(super) fn new(solids: Vec<Solid>, table_mm: f64) -> Self {
-        let mut boxes: Vec<(usize, Bounds)> = solids.iter().map(Bounds::of).enumerate().collect();
+        Self::of(solids.into_iter().map(Body::Solid).collect(), table_mm)
+    }
+
+    pub(super) fn of(bodies: Vec<Body>, table_mm: f64) -> Self {
+        let mut boxes: Vec<(usize, Bounds)> =
+            bodies.iter().map(|body| Bounds::of(body.corners())).enumerate().collect();
         let tree = (!boxes.is_empty()).then(|| Node::build(&mut boxes));
-        Self { solids, tree, table_mm }
+        Self { bodies, tree, table_mm }
+    }
+
+    /// The bodies in the frame `to_from`, on a table at another height.
+    pub(super) fn moved(&self, to_from: &Isometry3<f64>, table_mm: f64) -> Self {
+        let moved = |body: &Body| match body {
+            Body::Solid(solid) => Body::Solid(solid.moved(to_from)),
+            Body::Facet(facet) => Body::Facet(facet.moved(to_from)),
+        };
+        Self::of(self.bodies.iter().map(moved).collect(), table_mm)
     }
 
     /// Height of the table's top, mm.
@@ -49,9 +87,30 @@ impl Scene {
         let ray = Ray { origin, direction };
         let mut best = self.table_hit(&ray);
         if let Some(tree) = &self.tree {
-            tree.first_hit(&self.solids, &ray, &direction.map(|d| 1.0 / d), &mut best);
+            tree.first_hit(&self.bodies, &ray, &direction.map(|d| 1.0 / d), &mut best);
         }
         best
+    }
+
+    /// The facets within `radius_mm` of a point, or somewhat beyond.
+    pub(super) fn facets_near(&self, point: &Point3<f64>, radius_mm: f64) -> Vec<&Facet> {
+        let mut found = Vec::new();
+        let mut nodes: Vec<&Node> = self.tree.iter().collect();
+        while let Some(node) = nodes.pop() {
+            if node.bounds.distance(point) > radius_mm {
+                continue;
+            }
+            match &node.below {
+                Below::Split(below) => nodes.extend(below.iter()),
+                Below::Leaf(indices) => found.extend(indices),
+            }
+        }
+        found.sort_unstable();
+        let facet = |&i: &usize| match &self.bodies[i] {
+            Body::Facet(facet) => Some(facet),
+            Body::Solid(_) => None,
+        };
+        found.iter().filter_map(facet).collect()
     }
 
     /// Whether nothing stands between two points.
@@ -66,10 +125,10 @@ impl Scene {
 }
 
 impl Bounds {
-    fn of(solid: &Solid) -> Self {
+    fn of(corners: &[Point3<f64>]) -> Self {
         let mut bounds =
             Self { low: Point3::from([f64::INFINITY; 3]), high: Point3::from([f64::NEG_INFINITY; 3]) };
-        for corner in solid.corners() {
+        for corner in corners {
             bounds = Self { low: bounds.low.inf(corner), high: bounds.high.sup(corner) };
         }
         bounds
@@ -77,6 +136,11 @@ impl Bounds {
 
     fn union(&self, other: &Self) -> Self {
         Self { low: self.low.inf(&other.low), high: self.high.sup(&other.high) }
+    }
+
+    fn distance(&self, point: &Point3<f64>) -> f64 {
+        let outside = |k: usize| (self.low[k] - point[k]).max(point[k] - self.high[k]).max(0.0);
+        Vector3::new(outside(0), outside(1), outside(2)).norm()
     }
 
     fn centre(&self, axis: usize) -> f64 {
@@ -112,15 +176,15 @@ impl Node {
         Self { bounds, below: Below::Split(Box::new([Self::build(left), Self::build(right)])) }
     }
 
-    fn first_hit(&self, solids: &[Solid], ray: &Ray, inverse: &Vector3<f64>, best: &mut Option<Hit>) {
+    fn first_hit(&self, bodies: &[Body], ray: &Ray, inverse: &Vector3<f64>, best: &mut Option<Hit>) {
         let limit = best.map_or(f64::INFINITY, |hit| hit.distance);
         if !self.bounds.is_met(ray, inverse, limit) {
             return;
         }
         match &self.below {
-            Below::Split(nodes) => nodes.iter().for_each(|node| node.first_hit(solids, ray, inverse, best)),
+            Below::Split(nodes) => nodes.iter().for_each(|node| node.first_hit(bodies, ray, inverse, best)),
             Below::Leaf(indices) => {
-                for hit in indices.iter().filter_map(|&i| solids[i].first_hit(ray)) {
+                for hit in indices.iter().filter_map(|&i| bodies[i].first_hit(ray)) {
                     if best.is_none_or(|b| hit.distance < b.distance) {
                         *best = Some(hit);
                     }

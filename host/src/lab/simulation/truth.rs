@@ -25,18 +25,13 @@ pub(super) fn of(
 ) -> Truth {
     let camera = Camera::with_size(request.width, request.height);
     let eyes = Eyes { camera, scene, base_from_camera };
-    let size = match (request.width, request.height) {
-        (640, 480) => "vga".into(),
-        (1280, 720) => "hd".into(),
-        (width, height) => format!("{width}x{height}"),
-    };
     Truth {
         name: request.name(),
         kind: request.part.name().into(),
         pose: request.pose.name().into(),
         seed: request.seed,
         noise: request.noise.name().into(),
-        cam: size,
+        cam: size_name([request.width, request.height]),
         anchor: "first".into(),
         params: piece.drawn.iter().map(|(name, value)| ((*name).into(), *value)).collect(),
         ztable: scene.table_mm(),
@@ -45,8 +40,17 @@ pub(super) fn of(
     }
 }
 
+/// How a truth names the size of the images.
+pub(super) fn size_name([width, height]: [u32; 2]) -> String {
+    match (width, height) {
+        (640, 480) => "vga".into(),
+        (1280, 720) => "hd".into(),
+        _ => format!("{width}x{height}"),
+    }
+}
+
 /// The matrix of a pose, row by row.
-fn rows(pose: &Isometry3<f64>) -> [[f64; 4]; 4] {
+pub(super) fn rows(pose: &Isometry3<f64>) -> [[f64; 4]; 4] {
     let m: Matrix4<f64> = pose.to_homogeneous();
     std::array::from_fn(|row| std::array::from_fn(|column| m[(row, column)]))
 }
@@ -57,17 +61,18 @@ struct Eyes<'a> {
     base_from_camera: &'a [Isometry3<f64>],
 }
 
-impl Eyes<'_> {
-    fn seam(&self, seam: &TrueSeam) -> TruthSeam {
+impl TrueSeam {
+    /// As a truth holds it.
+    pub(super) fn written(&self, is_visible: impl Fn(&TrueStation) -> bool) -> TruthSeam {
         let each = |value: &dyn Fn(&TrueStation) -> Vector3<f64>| -> Vec<[f64; 3]> {
-            seam.stations.iter().map(|s| value(s).map(|x| round_to(x, 1e-6)).into()).collect()
+            self.stations.iter().map(|s| value(s).map(|x| round_to(x, 1e-6)).into()).collect()
         };
         TruthSeam {
-            name: seam.name.clone(),
-            closed: seam.closed,
-            required: seam.required,
-            angle_deg: round_to(seam.included_deg(), 1e-6),
-            visible: seam.stations.iter().map(|s| u8::from(self.is_visible(s))).collect(),
+            name: self.name.clone(),
+            closed: self.closed,
+            required: self.required,
+            angle_deg: round_to(self.included_deg(), 1e-6),
+            visible: self.stations.iter().map(|s| u8::from(is_visible(s))).collect(),
             p: each(&|s| s.apex.coords),
             n: each(&|s| s.torch()),
             t: each(&|s| s.tangent),
@@ -75,6 +80,12 @@ impl Eyes<'_> {
             normal_b: each(&|s| s.faces[1]),
             p_root: each(&|s| s.root.coords),
         }
+    }
+}
+
+impl Eyes<'_> {
+    fn seam(&self, seam: &TrueSeam) -> TruthSeam {
+        seam.written(|station| self.is_visible(station))
     }
 
     fn is_visible(&self, station: &TrueStation) -> bool {
