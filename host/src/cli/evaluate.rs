@@ -71,7 +71,8 @@ struct Evaluation {
     /// Path points against the visible stations of the truth.
     f1: Option<F1>,
     /// What the best rigid motion onto the truth leaves, which is not of the registration.
-    aligned: Moved,
+    /// None where most points belong to no seam, and a motion onto the seams means nothing.
+    aligned: Option<Moved>,
     /// Per view, as `summary.json` has them; empty without one.
     fitness: Vec<Fitness>,
 }
@@ -84,6 +85,9 @@ struct Moved {
     rmse_mm: Option<f64>,
     rmse_deg: Option<f64>,
 }
+
+/// Share of path points that belong to no seam from which on the paths are not moved onto the seams.
+const MOSTLY_FALSE: f64 = 0.5;
 
 impl Moved {
     /// By the truth's own line; `standoff_mm` is taken away first.
@@ -140,10 +144,11 @@ fn against(args: &Args, dir: &Path, truth: &Path) -> Result<(), Failure> {
     let truth = Truth::read(truth).map_err(not_read)?;
     let options = Options { target: args.target, standoff_mm: standoff_mm(args, dir)?, ..Options::default() };
     let points: Vec<[f64; 3]> = paths.points_mm.iter().map(|&p| p.into()).collect();
+    let score = score(&paths, &truth, &options);
     let evaluation = Evaluation {
-        score: score(&paths, &truth, &options),
+        aligned: (score.false_share < MOSTLY_FALSE).then(|| Moved::onto(&truth, &paths, &options)),
+        score,
         f1: f1(&points, &truth.visible_mm(args.target), CELL_MM),
-        aligned: Moved::onto(&truth, &paths, &options),
         fitness: fitness(dir),
     };
     if args.report {
@@ -220,17 +225,10 @@ fn table(evaluation: &Evaluation) -> String {
             format!("{:.3} (recall {:.3}, precision {:.3})", f1.dice, f1.recall, f1.precision),
         );
     }
-    let aligned = &evaluation.aligned;
-    line(
-        "moved as one body",
-        format!(
-            "by {:.3} mm, {:.3} deg leaves {} mm, {} deg",
-            aligned.moved_mm,
-            aligned.turned_deg,
-            number(aligned.rmse_mm),
-            number(aligned.rmse_deg)
-        ),
-    );
+    if let Some(Moved { moved_mm, turned_deg, rmse_mm, rmse_deg }) = &evaluation.aligned {
+        let left = format!("{} mm, {} deg", number(*rmse_mm), number(*rmse_deg));
+        line("moved as one body", format!("by {moved_mm:.3} mm, {turned_deg:.3} deg leaves {left}"));
+    }
     for fitness in &evaluation.fitness {
         line(&format!("fitness {}", fitness.view), format!("{:.3} -> {:.3}", fitness.before, fitness.after));
     }
