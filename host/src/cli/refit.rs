@@ -2,7 +2,6 @@
 
 use std::path::{Path, PathBuf};
 
-use weldpath::files;
 use weldpath::files::File;
 use weldpath::input;
 use weldpath::output::{json, ply};
@@ -12,7 +11,7 @@ use weldpath::run::refit;
 use weldpath::run::refit::Refit;
 use weldpath::weld::program::Waypoint;
 
-use super::plan::{not_written, write};
+use super::folder::{Folder, FolderArgs, settle};
 use super::{Exit, Failure, print};
 
 /// Move a saved program to where the part is in a new scan
@@ -28,6 +27,8 @@ pub(super) struct Args {
     /// Folder for the results; files there are replaced all at once or not at all
     #[arg(long, value_name = "DIR", default_value = "refitted")]
     out: PathBuf,
+    #[command(flatten)]
+    folder: FolderArgs,
     /// Unit of the new scan, where the file does not say it [default: auto]
     #[arg(long)]
     units: Option<input::Units>,
@@ -40,8 +41,10 @@ pub(super) struct Args {
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    settle(&args.saved)?;
     let saved = read(&args.saved)?;
-    files::check(&args.out).map_err(not_written)?;
+    let folder = Folder::new(&args.out, args.folder, args.quiet);
+    folder.check(&["path.csv", "path.json", "model.ply", "job.toml", "refit.json"])?;
     let options = input::Options { units: args.units.unwrap_or_default() };
     let scan = input::read(&args.scan, &options).map_err(|error| Failure::new(Exit::Input, error))?;
     let new = refit::cloud(&scan.views);
@@ -61,7 +64,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     files.push(File::new("model.ply", ply::write(&new)));
     files.push(File::new("job.toml", saved.job.to_toml()));
     files.push(File::new("refit.json", summary(&fit)));
-    write(&args.out, &files, args.quiet)?;
+    folder.write(&files)?;
     let names: Vec<&str> = files.iter().map(|file| file.name.as_str()).collect();
     let text = told(&fit, &scan.warnings) + &format!("{}: {}\n", args.out.display(), names.join(", "));
     if args.quiet { Ok(()) } else { print(&text) }

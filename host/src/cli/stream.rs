@@ -11,6 +11,7 @@ use weldpath::pendant::link::{Event, Link, cause_words, fault_words, refusal_wor
 use weldpath_core::interlock::State;
 use weldpath_core::wire::{Answer, Command, Field, Refusal, Telemetry};
 
+use super::folder::settle;
 use super::keys::{CTRL_C, Keys};
 use super::port::{Port, lost};
 use super::{Exit, Failure, print, progress};
@@ -66,6 +67,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
 
 fn read(program: &Path) -> Result<Vec<weldpath::weld::program::Waypoint>, Failure> {
     let file = if program.is_dir() { program.join("path.json") } else { program.into() };
+    settle(file.parent().unwrap_or(Path::new("")))?;
     let cannot = |why: String| {
         Failure::new(Exit::Input, format!("cannot read {}: {why}", file.display()))
             .hint("`weldpath plan` writes path.json")
