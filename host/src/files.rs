@@ -10,6 +10,7 @@
 pub mod interrupt;
 mod journal;
 pub mod manifest;
+pub mod reading;
 
 use std::fmt::Write as _;
 use std::io;

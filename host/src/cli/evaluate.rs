@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use serde::Serialize;
 use weldpath::files::File;
+use weldpath::files::reading;
 use weldpath::lab::comparison;
 use weldpath::lab::evaluation;
 use weldpath::lab::evaluation::{
@@ -162,7 +163,7 @@ fn add_to_report(args: &Args, dir: &Path, deviation: &str) -> Result<(), Failure
     let hint = "run `weldpath plan` without --no-report, and give its folder";
     let missing =
         |error: &dyn Display| Failure::new(Exit::Input, format!("cannot read {}: {error}", path.display()));
-    let page = std::fs::read_to_string(&path).map_err(|error| missing(&error).hint(hint))?;
+    let page = reading::text(&path, reading::MOST_RESULT).map_err(|error| missing(&error).hint(hint))?;
     let page = report::with_deviation(&page, deviation).ok_or_else(|| missing(&"no report").hint(hint))?;
     // Nothing else in the folder has become old by it.
     Folder::new(dir, args.folder, true).write(&[File::new(report::PAGE, page)])

@@ -92,6 +92,12 @@ pub(super) struct Args {
     /// Write the program for this robot; may be given several times [default: ur]
     #[arg(long, value_name = "ROBOT")]
     robot: Vec<Dialect>,
+    /// Let scan.json name files outside its folder
+    #[arg(long)]
+    allow_outside: bool,
+    /// Read nothing that would take more memory than this [default: half of the machine's]
+    #[arg(long, value_name = "MB", value_parser = clap::value_parser!(u64).range(input::memory::LEAST_MB..))]
+    memory_mb: Option<u64>,
     /// Print nothing but errors
     #[arg(long, short)]
     quiet: bool,
@@ -111,10 +117,11 @@ const CERTAIN: &[&str] = &["path.csv", "path.json", "model.ply", "summary.json"]
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let job = job(args)?;
+    args.memory_mb.into_iter().for_each(input::memory::limit_mb);
     let folder = Folder::new(&args.out, args.folder, args.quiet).given(args.job.as_deref());
     folder.check(CERTAIN)?;
     let mut progress = Progress::new(args.quiet, args.dump_stages, !args.no_report);
-    let result = plan(&job, &mut progress);
+    let result = plan(&job, args.allow_outside, &mut progress);
     let (stages, recording) = progress.finish();
     let (plan, source) = match result {
         Ok(planned) => planned,
@@ -159,6 +166,13 @@ fn job(args: &Args) -> Result<Job, Failure> {
     replace(&mut job.arc.output, args.arc_output);
     job.selection.near_mm = args.near.or(job.selection.near_mm);
     job.selection.roi_mm = args.roi.or(job.selection.roi_mm);
+    if let Some(id) =
+        args.seam.iter().enumerate().find(|(at, id)| args.seam[..*at].contains(id)).map(|(_, id)| id)
+    {
+        return Err(
+            Failure::new(Exit::Usage, format!("--seam {id} is given twice")).hint("name each seam once")
+        );
+    }
     if !args.seam.is_empty() {
         job.selection.seams.clone_from(&args.seam);
     }
@@ -207,13 +221,21 @@ fn input(args: &Args, job: &Job) -> Result<PathBuf, Failure> {
     })?;
     let missing =
         |error| Failure::new(Exit::Input, format!("cannot read {}: {error}", path.display())).hint(hint);
-    std::fs::canonicalize(path).map_err(missing)
+    let path = std::fs::canonicalize(path).map_err(missing)?;
+    if path.to_str().is_none() {
+        let message = format!(
+            "cannot plan {}: its path is no text (UTF-8), so job.toml cannot name it",
+            path.display()
+        );
+        return Err(Failure::new(Exit::Input, message).hint("rename it, or the folder that it is in"));
+    }
+    Ok(path)
 }
 
-fn plan(job: &Job, progress: &mut Progress) -> Result<(Plan, Source), Failure> {
+fn plan(job: &Job, allow_outside: bool, progress: &mut Progress) -> Result<(Plan, Source), Failure> {
     progress.stage("scan");
     let input = job.input.as_deref().unwrap_or(Path::new("."));
-    let scan = input::read(input, &input::Options { units: job.units })
+    let scan = input::read(input, &input::Options { units: job.units, allow_outside })
         .map_err(|error| Failure::new(Exit::Input, error))?;
     let mut plan = pipeline::plan(&scan.views, &job.pipeline(), progress).map_err(not_planned)?;
     plan.warnings.splice(0..0, scan.warnings);
@@ -251,7 +273,7 @@ pub(super) fn too_long(error: TooLong) -> Failure {
 
 fn not_selected(error: selection::Error) -> Failure {
     let exit = match error {
-        selection::Error::UnknownId { .. } => Exit::Usage,
+        selection::Error::UnknownId { .. } | selection::Error::NothingNear { .. } => Exit::Usage,
         selection::Error::OutsideRegion { .. } => Exit::NoSeam,
     };
     Failure::new(exit, error).hint("run once without --seam, --near and --roi to see all seams")

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use weldpath::files::File;
+use weldpath::files::reading;
 use weldpath::input;
 use weldpath::output::{json, ply};
 use weldpath::run::job::Job;
@@ -32,6 +33,9 @@ pub(super) struct Args {
     /// Unit of the new scan, where the file does not say it [default: auto]
     #[arg(long)]
     units: Option<input::Units>,
+    /// Let scan.json name files outside its folder
+    #[arg(long)]
+    allow_outside: bool,
     /// Write the program even if the scan leaves a direction unknown; the smallest motion is taken along it
     #[arg(long)]
     accept_unknown: bool,
@@ -45,7 +49,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let saved = read(&args.saved)?;
     let folder = Folder::new(&args.out, args.folder, args.quiet);
     folder.check(&["path.csv", "path.json", "model.ply", "job.toml", "refit.json"])?;
-    let options = input::Options { units: args.units.unwrap_or_default() };
+    let options = input::Options { units: args.units.unwrap_or_default(), allow_outside: args.allow_outside };
     let scan = input::read(&args.scan, &options).map_err(|error| Failure::new(Exit::Input, error))?;
     let new = refit::cloud(&scan.views);
     let fit = refit::refit(&saved.program, &saved.model, &new).map_err(|error| {
@@ -82,10 +86,12 @@ fn read(folder: &Path) -> Result<Saved, Failure> {
             .hint("give the folder that `weldpath plan` wrote, with path.json, model.ply and job.toml")
     };
     let path = folder.join("path.json");
-    let text = std::fs::read_to_string(&path).map_err(|error| cannot(&path, error.to_string()))?;
+    let text =
+        reading::text(&path, reading::MOST_RESULT).map_err(|error| cannot(&path, error.to_string()))?;
     let program = json::read(&text).map_err(|error| cannot(&path, error.to_string()))?;
     let path = folder.join("model.ply");
-    let bytes = std::fs::read(&path).map_err(|error| cannot(&path, error.to_string()))?;
+    let bytes =
+        reading::bytes(&path, reading::MOST_RESULT).map_err(|error| cannot(&path, error.to_string()))?;
     let model = ply::read(&bytes).map_err(|error| cannot(&path, error.to_string()))?;
     let path = folder.join("job.toml");
     let job = Job::read(&path).map_err(|error| Failure::new(Exit::Input, &error).hint(error.hint()))?;

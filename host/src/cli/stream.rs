@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use indicatif::ProgressBar;
+use weldpath::files::reading;
 use weldpath::output::json;
 use weldpath::pendant::link::program;
 use weldpath::pendant::link::program::Upload;
@@ -72,7 +73,7 @@ fn read(program: &Path) -> Result<Vec<weldpath::weld::program::Waypoint>, Failur
         Failure::new(Exit::Input, format!("cannot read {}: {why}", file.display()))
             .hint("`weldpath plan` writes path.json")
     };
-    let text = std::fs::read_to_string(&file).map_err(|error| cannot(error.to_string()))?;
+    let text = reading::text(&file, reading::MOST_RESULT).map_err(|error| cannot(error.to_string()))?;
     json::read(&text).map_err(|error| cannot(error.to_string()))
 }
 

@@ -5,7 +5,7 @@
 //! view is a `depth` image or a `cloud` in the camera's frame, or a cloud with `"frame": "base"` and `camera_m`. A key
 //! that is not known is refused: a misspelt one would be silently ignored otherwise.
 
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 use nalgebra::{Isometry3, Vector3};
 use rayon::prelude::*;
@@ -14,11 +14,17 @@ use serde_json::Value;
 
 use super::depth::{self, Camera};
 use super::units::Unit;
-use super::{Error, Options, Scan, direction, name_of, parsed, read_file, transform, translation, view_of};
+use super::{
+    Error, Options, Scan, direction, name_of, parsed, read_at_most, read_file, transform, translation,
+    view_of,
+};
 use crate::geometry::cloud::View;
 
 /// Name of the file in its folder.
 pub(super) const NAME: &str = "scan.json";
+
+/// Bytes of a `scan.json` or a calibration at most; a thousand views take a fifth of it.
+pub(super) const MOST_BYTES: u64 = 1 << 20;
 
 const KEYS: &[&str] = &["units", "camera", "flange_from_camera", "camera_from_flange", "views"];
 const CAMERA_KEYS: &[&str] = &["width", "height", "fx", "fy", "cx", "cy", "depth_scale_m"];
@@ -69,6 +75,9 @@ pub(super) fn read(path: &Path, options: &Options) -> Result<Scan, Error> {
     let mut scan =
         Scan { views: Vec::new(), notes: Vec::new(), warnings: Vec::new(), inputs: vec![path.into()] };
     let unit = unit(&manifest, options, &mut scan);
+    if !options.allow_outside {
+        refuse_outside(&manifest, path)?;
+    }
     let hand_eye = hand_eye(&manifest, unit, path, &mut scan)?;
     let job = Job { path, unit, hand_eye, manifest: &manifest };
     let read: Vec<_> = (0..manifest.views.len()).into_par_iter().map(|i| job.view(i)).collect();
@@ -90,7 +99,7 @@ pub(super) fn read(path: &Path, options: &Options) -> Result<Scan, Error> {
 }
 
 fn load(path: &Path) -> Result<Manifest, Error> {
-    let bytes = read_file(path)?;
+    let bytes = read_at_most(path, MOST_BYTES)?;
     let bad = |e: serde_json::Error| {
         let place = format!("line {}, column {}", e.line(), e.column());
         Error::malformed(
@@ -136,6 +145,36 @@ fn check_keys(value: &Value, place: &str, known: &[&str], path: &Path) -> Result
         format!("unknown key, did you mean `{}`?", nearest.copied().unwrap_or_default()),
         format!("Known here are {}", known.join(", ")),
     ))
+}
+
+/// Refuses names of files that are not below the folder of `scan.json`: who gets a scan from others does not expect that it
+/// reads something else, and shows it in a report.
+fn refuse_outside(manifest: &Manifest, path: &Path) -> Result<(), Error> {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let root = folder.canonicalize().unwrap_or_else(|_| folder.into());
+    let by_name =
+        |name: &Path| name.components().all(|c| matches!(c, Component::Normal(_) | Component::CurDir));
+    // A link may lead out, too. What is not there is told when it is read.
+    let by_link = |name: &Path| folder.join(name).canonicalize().is_ok_and(|file| !file.starts_with(&root));
+    let eye = [
+        ("flange_from_camera", &manifest.flange_from_camera),
+        ("camera_from_flange", &manifest.camera_from_flange),
+    ];
+    let eye = eye
+        .into_iter()
+        .filter_map(|(key, value)| Some((key.to_owned(), Path::new(value.as_ref()?.as_str()?))));
+    let files = manifest.views.iter().enumerate().flat_map(|(i, view)| {
+        let named = [("depth", &view.depth), ("cloud", &view.cloud)];
+        named.into_iter().filter_map(move |(key, name)| Some((format!("views[{i}].{key}"), name.as_deref()?)))
+    });
+    match files.chain(eye).find(|(_, name)| !by_name(name) || by_link(name)) {
+        Some((place, name)) => {
+            let problem = format!("{} is outside the folder of scan.json", name.display());
+            let help = "Put the file into the folder, or say --allow-outside if that is meant";
+            Err(Error::malformed(path, place, problem, help))
+        }
+        None => Ok(()),
+    }
 }
 
 fn unit(manifest: &Manifest, options: &Options, scan: &mut Scan) -> Unit {
