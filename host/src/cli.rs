@@ -19,6 +19,7 @@ mod simulate;
 mod stream;
 mod table;
 mod threads;
+mod warnings;
 mod weld;
 
 use std::io::Write;
