@@ -2,6 +2,7 @@
 
 mod completions;
 mod evaluate;
+mod folder;
 mod help;
 mod keys;
 mod memory;
@@ -18,12 +19,15 @@ mod simulate;
 mod stream;
 mod suite;
 mod table;
+mod threads;
+mod warnings;
 mod weld;
 
 use std::io::Write;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
+use weldpath::files::interrupt;
 
 const EXIT_CODES: &str = "Exit codes: 0 done; 2 wrong usage or job file; 3 no seam found; 4 input cannot be read; \
                           5 output cannot be written; 6 no pendant, or the link was lost; 7 the pendant did not finish.";
@@ -54,15 +58,33 @@ enum Command {
 /// Reads the command line and does what it says.
 pub(crate) fn start() -> ExitCode {
     memory::keep_freed();
+    let threads = threads::prepare();
+    // Without handlers a signal ends the run at once, and the next run settles what was being written.
+    let _ = interrupt::arm();
     match help::parse() {
-        Ok(cli) => run(&cli),
+        Ok(cli) => end(if threads { run(&cli.command) } else { run_alone(&cli.command) }),
         Err(exit) => exit,
     }
 }
 
-/// Runs a subcommand and tells a failure in words on standard error.
-fn run(cli: &Cli) -> ExitCode {
-    let result = match &cli.command {
+/// A link to a pendant is read and driven at the same time; all else is done by one thread where there are no more.
+fn run_alone(command: &Command) -> Result<(), Failure> {
+    match command {
+        Command::Stream(_)
+        | Command::Monitor(_)
+        | Command::Pendant(_)
+        | Command::Scan(_)
+        | Command::Score(_) => Err(Failure::new(
+            Exit::Pendant,
+            "the system grants this program no threads, and a link needs some",
+        )
+        .hint("raise the limit of processes: `ulimit -u` shows it")),
+        _ => run(command),
+    }
+}
+
+fn run(command: &Command) -> Result<(), Failure> {
+    match command {
         Command::Plan(args) => plan::run(args),
         Command::Simulate(args) => simulate::run(args),
         Command::Refit(args) => refit::run(args),
@@ -74,13 +96,17 @@ fn run(cli: &Cli) -> ExitCode {
         Command::Score(args) => score::run(args),
         Command::Completions(args) => completions::run(args),
         Command::Schema(args) => schema::run(args),
-    };
+    }
+}
+
+/// The exit code; a failure is told in words on standard error.
+fn end(result: Result<(), Failure>) -> ExitCode {
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
-            eprintln!("error: {}", failure.message);
+            tell(&format!("error: {}", failure.message));
             if let Some(hint) = &failure.hint {
-                eprintln!("  hint: {hint}");
+                tell(&format!("  hint: {hint}"));
             }
             ExitCode::from(failure.exit as u8)
         }
@@ -121,9 +147,27 @@ fn whole<T: std::str::FromStr>(text: &str) -> Result<T, String> {
     text.trim().parse().map_err(|_| format!("{text:?} is not a whole number that fits here, as in 3"))
 }
 
+/// A line on standard error. Where nobody can be told, nobody is: the exit code says it all the same.
+fn tell(line: &str) {
+    let _ = writeln!(std::io::stderr(), "{}", shown(line));
+}
+
+/// Without what a terminal would take for a command: a name may hold anything.
+fn shown(text: &str) -> String {
+    let mut shown = String::with_capacity(text.len());
+    for c in text.chars() {
+        match c {
+            '\n' | '\t' => shown.push(c),
+            c if c.is_control() => shown.extend(c.escape_default()),
+            c => shown.push(c),
+        }
+    }
+    shown
+}
+
 /// Prints a result. A reader that has gone away (`| head`) has seen what it wanted.
 fn print(result: &str) -> Result<(), Failure> {
-    match std::io::stdout().write_all(result.as_bytes()) {
+    match std::io::stdout().write_all(shown(result).as_bytes()) {
         Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
             Err(Failure::new(Exit::Output, error))
         }

@@ -18,6 +18,7 @@ mod frame;
 #[cfg(feature = "las")]
 mod las;
 mod manifest;
+pub mod memory;
 mod mesh;
 #[cfg(feature = "pcd")]
 mod pcd;
@@ -27,6 +28,7 @@ mod raw;
 // The count of a header is checked here for every format; the rest is for the two formats alone.
 #[cfg_attr(not(any(feature = "ply", feature = "pcd")), allow(dead_code))]
 mod records;
+mod repeated;
 mod stl;
 mod text;
 mod trajectory;
@@ -47,6 +49,8 @@ pub use units::{Units, UnknownUnits};
 pub struct Options {
     /// Unit of the coordinates in INPUT; `Auto` asks the file, then the size of what it holds.
     pub units: Units,
+    /// Whether a `scan.json` may name files outside its folder. One that came from somebody else should not.
+    pub allow_outside: bool,
 }
 
 /// What was read, and how it was understood.
@@ -114,6 +118,26 @@ pub enum Error {
         /// Largest count that they could hold.
         possible: u64,
     },
+    /// More than a file of this size, or this machine, has room for.
+    #[error(
+        "{path}: {count} {what} would take {needed_mb} MB of memory, more than {most_mb} MB, {why}. Give a smaller file, \
+         or raise the limit with --memory-mb if that is what it is.",
+        path = path.display()
+    )]
+    TooLarge {
+        /// The file.
+        path: PathBuf,
+        /// What is counted: pixels, faces, points.
+        what: &'static str,
+        /// How many there are.
+        count: u64,
+        /// What they would take.
+        needed_mb: u64,
+        /// What they may.
+        most_mb: u64,
+        /// Where that limit comes from.
+        why: &'static str,
+    },
     /// The file breaks the rules of its kind.
     #[error("{path}: {place}: {problem}. {help}", path = path.display())]
     Malformed {
@@ -158,6 +182,17 @@ impl Error {
 /// assert!(error.to_string().contains("INPUT is a folder with scan.json"));
 /// ```
 pub fn read(input: &Path, options: &Options) -> Result<Scan, Error> {
+    let mut scan = read_any(input, options)?;
+    for view in &mut scan.views {
+        if let Some(note) = repeated::thin(&mut view.points_mm, &mut view.normals) {
+            scan.notes.push(format!("{}: {note}", view.name));
+        }
+    }
+    memory::hold_plan(input, scan.views.iter().map(|view| view.points_mm.len()).sum())?;
+    Ok(scan)
+}
+
+fn read_any(input: &Path, options: &Options) -> Result<Scan, Error> {
     let scan_json = input.join(manifest::NAME);
     if scan_json.is_file() {
         return manifest::read(&scan_json, options);
@@ -184,7 +219,7 @@ pub fn read(input: &Path, options: &Options) -> Result<Scan, Error> {
 /// use std::path::Path;
 /// use weldpath::input::{self, Options, Units};
 ///
-/// let options = Options { units: Units::Metres };
+/// let options = Options { units: Units::Metres, ..Options::default() };
 /// let scan = input::read_bytes(b"0.10 0 0\n0.11 0 0\n".to_vec(), Path::new("part.xyz"), &options)?;
 /// assert_eq!(scan.views[0].points_mm.len(), 2);
 /// # Ok::<(), input::Error>(())
@@ -312,6 +347,11 @@ fn name_of(path: &Path) -> String {
 
 /// The whole of a regular file; a device or a pipe could be endless.
 fn read_file(path: &Path) -> Result<Vec<u8>, Error> {
+    read_at_most(path, u64::MAX)
+}
+
+/// The whole of a regular file of a kind that is never larger than `most` bytes.
+fn read_at_most(path: &Path, most: u64) -> Result<Vec<u8>, Error> {
     let io = |source| Error::Io {
         path: path.into(),
         source,
@@ -321,6 +361,7 @@ fn read_file(path: &Path) -> Result<Vec<u8>, Error> {
     if !metadata.is_file() {
         return Err(io(std::io::Error::other("not a regular file")));
     }
+    memory::hold_file(path, metadata.len(), most)?;
     std::fs::read(path).map_err(io)
 }
 
@@ -336,7 +377,7 @@ mod tests {
     fn a_cloud_far_from_the_origin_keeps_its_micrometres() {
         let row =
             |i: usize| format!("{:.4} {:.4} 1000000.5\n", 1e6 + i as f64 * 0.125, -2e6 + i as f64 * 0.001);
-        let options = Options { units: Units::Millimetres };
+        let options = Options { units: Units::Millimetres, ..Options::default() };
         let text: String = (0..400).map(row).collect();
         let scan = read_bytes(text.into(), Path::new("far.xyz"), &options).unwrap();
         let view = &scan.views[0];

@@ -135,7 +135,7 @@ pub const RAW_CELL_MM: f32 = 5.0;
 /// // A level plate of 40 by 40 mm and nothing on it: no seam, and a reason why.
 /// let rows = (0..1600).map(|i| format!("{} {} {}\n", i % 40, i / 40, 0.001 * f64::from(i % 7)));
 /// let bytes = rows.collect::<String>().into_bytes();
-/// let options = input::Options { units: input::Units::Millimetres };
+/// let options = input::Options { units: input::Units::Millimetres, ..Default::default() };
 /// let scan = input::read_bytes(bytes, Path::new("plate.xyz"), &options)?;
 /// let planned = pipeline::plan(&scan.views, &pipeline::Config::default(), &mut ());
 /// assert!(planned.unwrap_err().to_string().starts_with("no seam found: "));

@@ -205,7 +205,7 @@ proptest! {
         let mut bytes = bytes.clone();
         damages.iter().for_each(|damage| apply(&mut bytes, damage));
         let before = peak_kb();
-        points_or_an_error_that_names(name, input::read_bytes(bytes, Path::new(name), &Options { units }));
+        points_or_an_error_that_names(name, input::read_bytes(bytes, Path::new(name), &Options { units, ..Options::default() }));
         if let (Some(before), Some(after)) = (before, peak_kb()) {
             prop_assert!(after - before < 500_000, "{name} took {} kB", after - before);
         }

@@ -25,7 +25,8 @@ const SEAMLESS: &[&str] = &[
 ];
 
 fn read(path: &Path, units: Units) -> Scan {
-    input::read(path, &input::Options { units }).unwrap_or_else(|error| panic!("{error}"))
+    input::read(path, &input::Options { units, ..Default::default() })
+        .unwrap_or_else(|error| panic!("{error}"))
 }
 
 fn plan(path: &Path) -> Result<Plan, PlanError> {

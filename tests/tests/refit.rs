@@ -19,7 +19,7 @@ fn seen(part: Part) -> Seen {
     let simulated = simulate(&Request::new(part, 1)).unwrap();
     let home = tempfile::tempdir().unwrap();
     write(&simulated, home.path()).unwrap();
-    let mut views = input::read(home.path(), &input::Options { units: input::Units::Auto }).unwrap().views;
+    let mut views = input::read(home.path(), &input::Options::default()).unwrap().views;
     for (view, rows) in views.iter_mut().zip(&simulated.truth.true_cam) {
         let pose = Matrix4::from_fn(|r, c| rows[r][c]);
         let turn = Rotation3::from_matrix(&pose.fixed_view::<3, 3>(0, 0).into_owned());

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use serde::Serialize;
-use weldpath::files;
 use weldpath::files::File;
+use weldpath::files::reading;
 use weldpath::lab::comparison;
 use weldpath::lab::evaluation;
 use weldpath::lab::evaluation::{
@@ -16,7 +16,8 @@ use weldpath::report;
 use weldpath::run::job::Job;
 use weldpath::run::job::quantity::StandoffMm;
 
-use super::{Exit, Failure, print, suite};
+use super::folder::{Folder, FolderArgs, settle};
+use super::{Exit, Failure, print, suite, tell};
 
 /// Score a plan against the truth, or against a path that was taught
 #[derive(Debug, clap::Args)]
@@ -48,6 +49,8 @@ pub(super) struct Args {
     /// Folder for the pages of --paper
     #[arg(long, value_name = "DIR", default_value = "paper", requires = "paper")]
     out: PathBuf,
+    #[command(flatten)]
+    folder: FolderArgs,
     /// Runs of each row of the run-time table of --paper
     #[arg(long, value_name = "N", default_value_t = 20, requires = "paper", value_parser = clap::value_parser!(u16).range(1..=1000))]
     runs: u16,
@@ -118,11 +121,12 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
 
 /// The paper's section III.
 fn paper(args: &Args) -> Result<(), Failure> {
-    files::check(&args.out).map_err(|error| Failure::new(Exit::Output, error))?;
+    let folder = Folder::new(&args.out, args.folder, args.quiet);
+    folder.check(&[])?;
     let settings = comparison::Options { fixtures: args.fixtures.clone(), runs: usize::from(args.runs) };
     let begin = &mut |what: &str| {
         if !args.quiet {
-            eprintln!("{what} ...");
+            tell(&format!("{what} ..."));
         }
     };
     let measured = comparison::measure(&settings, begin).map_err(|error| {
@@ -130,7 +134,7 @@ fn paper(args: &Args) -> Result<(), Failure> {
             .hint("run it in the repository, or name its fixtures with --fixtures")
     })?;
     let files = measured.files();
-    files::write(&args.out, &files).map_err(|error| Failure::new(Exit::Output, error))?;
+    folder.write(&files)?;
     if args.quiet {
         return Ok(());
     }
@@ -139,6 +143,9 @@ fn paper(args: &Args) -> Result<(), Failure> {
 }
 
 fn against(args: &Args, dir: &Path, truth: &Path) -> Result<(), Failure> {
+    if dir.is_dir() {
+        settle(dir)?;
+    }
     let csv = if dir.is_dir() { dir.join("path.csv") } else { dir.to_path_buf() };
     let paths = PathSet::read(&csv).map_err(not_read)?;
     let truth = Truth::read(truth).map_err(not_read)?;
@@ -152,7 +159,7 @@ fn against(args: &Args, dir: &Path, truth: &Path) -> Result<(), Failure> {
         fitness: fitness(dir),
     };
     if args.report {
-        add_to_report(dir, &report::deviation(&paths, &truth, &options))?;
+        add_to_report(args, dir, &report::deviation(&paths, &truth, &options))?;
     }
     if args.quiet {
         return Ok(());
@@ -162,14 +169,15 @@ fn against(args: &Args, dir: &Path, truth: &Path) -> Result<(), Failure> {
 }
 
 /// Rewrites the page with the deviation in it.
-fn add_to_report(dir: &Path, deviation: &str) -> Result<(), Failure> {
+fn add_to_report(args: &Args, dir: &Path, deviation: &str) -> Result<(), Failure> {
     let path = dir.join(report::PAGE);
     let hint = "run `weldpath plan` without --no-report, and give its folder";
     let missing =
         |error: &dyn Display| Failure::new(Exit::Input, format!("cannot read {}: {error}", path.display()));
-    let page = std::fs::read_to_string(&path).map_err(|error| missing(&error).hint(hint))?;
+    let page = reading::text(&path, reading::MOST_RESULT).map_err(|error| missing(&error).hint(hint))?;
     let page = report::with_deviation(&page, deviation).ok_or_else(|| missing(&"no report").hint(hint))?;
-    files::write(dir, &[File::new(report::PAGE, page)]).map_err(|error| Failure::new(Exit::Output, error))
+    // Nothing else in the folder has become old by it.
+    Folder::new(dir, args.folder, true).write(&[File::new(report::PAGE, page)])
 }
 
 /// How far the path was held off, by the job beside it.

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use clap::error::ErrorKind;
 use clap::{CommandFactory, FromArgMatches};
 
-use super::{Cli, Exit};
+use super::{Cli, Exit, tell};
 
 /// Examples before usage, options and the rest.
 const TEMPLATE: &str = "{about-with-newline}\n{before-help}{usage-heading} {usage}\n\n{all-args}{after-help}";
@@ -114,7 +114,7 @@ pub(super) fn parse() -> Result<Cli, ExitCode> {
             std::env::args_os().nth(1).and_then(|word| word.into_string().ok()).unwrap_or_default();
         let missing = error.kind() == ErrorKind::MissingRequiredArgument;
         if let Some((example, _)) = examples(&subcommand).next().filter(|_| missing) {
-            eprintln!("  hint: for example `{example}`");
+            tell(&format!("  hint: for example `{example}`"));
         }
         if error.use_stderr() { ExitCode::from(Exit::Usage as u8) } else { ExitCode::SUCCESS }
     })

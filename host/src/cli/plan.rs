@@ -2,7 +2,6 @@
 
 use std::path::{Path, PathBuf};
 
-use weldpath::files;
 use weldpath::files::File;
 use weldpath::output::summary::Source;
 use weldpath::pipeline::{self, Observer, Plan};
@@ -18,6 +17,7 @@ use weldpath::run::postprocessing::postprocess;
 use weldpath::run::selection;
 use weldpath::{input, report};
 
+use super::folder::{Folder, FolderArgs};
 use super::progress::Progress;
 use super::weld::WeldArgs;
 use super::{Exit, Failure, print, table, whole};
@@ -34,6 +34,8 @@ pub(super) struct Args {
     /// Folder for the results; files there are replaced all at once or not at all
     #[arg(long, value_name = "DIR", default_value = "out")]
     out: PathBuf,
+    #[command(flatten)]
+    folder: FolderArgs,
     /// Settings from a file, as every run writes one to DIR/job.toml; options override it
     #[arg(long, value_name = "FILE")]
     job: Option<PathBuf>,
@@ -90,6 +92,12 @@ pub(super) struct Args {
     /// Write the program for this robot; may be given several times [default: ur]
     #[arg(long, value_name = "ROBOT")]
     robot: Vec<Dialect>,
+    /// Let scan.json name files outside its folder
+    #[arg(long)]
+    allow_outside: bool,
+    /// Read nothing that would take more memory than this [default: half of the machine's]
+    #[arg(long, value_name = "MB", value_parser = clap::value_parser!(u64).range(input::memory::LEAST_MB..))]
+    memory_mb: Option<u64>,
     /// Print nothing but errors
     #[arg(long, short)]
     quiet: bool,
@@ -104,17 +112,22 @@ pub(super) struct Args {
     no_report: bool,
 }
 
+/// Files that every plan writes, whatever it finds.
+const CERTAIN: &[&str] = &["path.csv", "path.json", "model.ply", "summary.json"];
+
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let job = job(args)?;
-    files::check(&args.out).map_err(not_written)?;
+    args.memory_mb.into_iter().for_each(input::memory::limit_mb);
+    let folder = Folder::new(&args.out, args.folder, args.quiet).given(args.job.as_deref());
+    folder.check(CERTAIN)?;
     let mut progress = Progress::new(args.quiet, args.dump_stages, !args.no_report);
-    let result = plan(&job, &mut progress);
+    let result = plan(&job, args.allow_outside, &mut progress);
     let (stages, recording) = progress.finish();
     let (plan, source) = match result {
         Ok(planned) => planned,
         Err(failure) => {
             let seen = recording.map(|r| report::without_seams(&r, &job, &failure.message));
-            return keep_stages(&args.out, stages, seen.unwrap_or_default()).and(Err(failure));
+            return keep_stages(&folder, stages, seen.unwrap_or_default()).and(Err(failure));
         }
     };
     let mut output = postprocess(&plan, &job, source.clone()).map_err(not_written_out)?;
@@ -122,26 +135,12 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     if let Some(recording) = recording {
         output.files.extend(report::files(&plan, &output, &recording, &job));
     }
-    write(&args.out, &output.files, args.quiet)?;
+    folder.write(&output.files)?;
     match (args.quiet, args.json) {
         (true, _) => Ok(()),
         (_, true) => print(&output.summary.to_json()),
         _ => print(&table::result(&plan, &output, &source, &args.out)),
     }
-}
-
-/// All files or none, and a word on those of an earlier run that stay beside them.
-pub(super) fn write(out: &Path, files: &[File], quiet: bool) -> Result<(), Failure> {
-    files::write(out, files).map_err(not_written)?;
-    let old = files::of_earlier_runs(out, files);
-    if !old.is_empty() && !quiet {
-        let names = old.join(", ");
-        eprintln!(
-            "warning: {}: {names}: of an earlier run and another plan; delete what you do not need",
-            out.display()
-        );
-    }
-    Ok(())
 }
 
 /// The job file, if there is one, with the command line on top.
@@ -167,6 +166,13 @@ fn job(args: &Args) -> Result<Job, Failure> {
     replace(&mut job.arc.output, args.arc_output);
     job.selection.near_mm = args.near.or(job.selection.near_mm);
     job.selection.roi_mm = args.roi.or(job.selection.roi_mm);
+    if let Some(id) =
+        args.seam.iter().enumerate().find(|(at, id)| args.seam[..*at].contains(id)).map(|(_, id)| id)
+    {
+        return Err(
+            Failure::new(Exit::Usage, format!("--seam {id} is given twice")).hint("name each seam once")
+        );
+    }
     if !args.seam.is_empty() {
         job.selection.seams.clone_from(&args.seam);
     }
@@ -215,13 +221,21 @@ fn input(args: &Args, job: &Job) -> Result<PathBuf, Failure> {
     })?;
     let missing =
         |error| Failure::new(Exit::Input, format!("cannot read {}: {error}", path.display())).hint(hint);
-    std::fs::canonicalize(path).map_err(missing)
+    let path = std::fs::canonicalize(path).map_err(missing)?;
+    if path.to_str().is_none() {
+        let message = format!(
+            "cannot plan {}: its path is no text (UTF-8), so job.toml cannot name it",
+            path.display()
+        );
+        return Err(Failure::new(Exit::Input, message).hint("rename it, or the folder that it is in"));
+    }
+    Ok(path)
 }
 
-fn plan(job: &Job, progress: &mut Progress) -> Result<(Plan, Source), Failure> {
+fn plan(job: &Job, allow_outside: bool, progress: &mut Progress) -> Result<(Plan, Source), Failure> {
     progress.stage("scan");
     let input = job.input.as_deref().unwrap_or(Path::new("."));
-    let scan = input::read(input, &input::Options { units: job.units })
+    let scan = input::read(input, &input::Options { units: job.units, allow_outside })
         .map_err(|error| Failure::new(Exit::Input, error))?;
     let mut plan = pipeline::plan(&scan.views, &job.pipeline(), progress).map_err(not_planned)?;
     plan.warnings.splice(0..0, scan.warnings);
@@ -230,13 +244,13 @@ fn plan(job: &Job, progress: &mut Progress) -> Result<(Plan, Source), Failure> {
 }
 
 /// What led to no plan is what one wants to look at most.
-fn keep_stages(out: &Path, mut stages: Vec<File>, seen: Vec<File>) -> Result<(), Failure> {
+fn keep_stages(folder: &Folder<'_>, mut stages: Vec<File>, seen: Vec<File>) -> Result<(), Failure> {
     if stages.is_empty() {
         return Ok(());
     }
     // In their folder: what an earlier run left beside it stays as it was.
     stages.extend(seen.into_iter().map(|file| File::new(format!("stages/{}", file.name), file.bytes)));
-    files::write(out, &stages).map_err(not_written)
+    folder.write(&stages)
 }
 
 fn not_planned(error: pipeline::PlanError) -> Failure {
@@ -259,12 +273,8 @@ pub(super) fn too_long(error: TooLong) -> Failure {
 
 fn not_selected(error: selection::Error) -> Failure {
     let exit = match error {
-        selection::Error::UnknownId { .. } => Exit::Usage,
+        selection::Error::UnknownId { .. } | selection::Error::NothingNear { .. } => Exit::Usage,
         selection::Error::OutsideRegion { .. } => Exit::NoSeam,
     };
     Failure::new(exit, error).hint("run once without --seam, --near and --roi to see all seams")
-}
-
-pub(super) fn not_written(error: files::Error) -> Failure {
-    Failure::new(Exit::Output, error).hint("choose another folder with --out")
 }

@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use weldpath::files;
 use weldpath::files::File;
+use weldpath::files::reading;
 use weldpath::input;
 use weldpath::output::{json, ply};
 use weldpath::run::job::Job;
@@ -12,7 +12,7 @@ use weldpath::run::refit;
 use weldpath::run::refit::Refit;
 use weldpath::weld::program::Waypoint;
 
-use super::plan::{not_written, write};
+use super::folder::{Folder, FolderArgs, settle};
 use super::{Exit, Failure, print};
 
 /// Move a saved program to where the part is in a new scan
@@ -28,9 +28,14 @@ pub(super) struct Args {
     /// Folder for the results; files there are replaced all at once or not at all
     #[arg(long, value_name = "DIR", default_value = "refitted")]
     out: PathBuf,
+    #[command(flatten)]
+    folder: FolderArgs,
     /// Unit of the new scan, where the file does not say it [default: auto]
     #[arg(long)]
     units: Option<input::Units>,
+    /// Let scan.json name files outside its folder
+    #[arg(long)]
+    allow_outside: bool,
     /// Write the program even if the scan leaves a direction unknown; the smallest motion is taken along it
     #[arg(long)]
     accept_unknown: bool,
@@ -40,9 +45,11 @@ pub(super) struct Args {
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    settle(&args.saved)?;
     let saved = read(&args.saved)?;
-    files::check(&args.out).map_err(not_written)?;
-    let options = input::Options { units: args.units.unwrap_or_default() };
+    let folder = Folder::new(&args.out, args.folder, args.quiet);
+    folder.check(&["path.csv", "path.json", "model.ply", "job.toml", "refit.json"])?;
+    let options = input::Options { units: args.units.unwrap_or_default(), allow_outside: args.allow_outside };
     let scan = input::read(&args.scan, &options).map_err(|error| Failure::new(Exit::Input, error))?;
     let new = refit::cloud(&scan.views);
     let fit = refit::refit(&saved.program, &saved.model, &new).map_err(|error| {
@@ -61,7 +68,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     files.push(File::new("model.ply", ply::write(&new)));
     files.push(File::new("job.toml", saved.job.to_toml()));
     files.push(File::new("refit.json", summary(&fit)));
-    write(&args.out, &files, args.quiet)?;
+    folder.write(&files)?;
     let names: Vec<&str> = files.iter().map(|file| file.name.as_str()).collect();
     let text = told(&fit, &scan.warnings) + &format!("{}: {}\n", args.out.display(), names.join(", "));
     if args.quiet { Ok(()) } else { print(&text) }
@@ -79,10 +86,12 @@ fn read(folder: &Path) -> Result<Saved, Failure> {
             .hint("give the folder that `weldpath plan` wrote, with path.json, model.ply and job.toml")
     };
     let path = folder.join("path.json");
-    let text = std::fs::read_to_string(&path).map_err(|error| cannot(&path, error.to_string()))?;
+    let text =
+        reading::text(&path, reading::MOST_RESULT).map_err(|error| cannot(&path, error.to_string()))?;
     let program = json::read(&text).map_err(|error| cannot(&path, error.to_string()))?;
     let path = folder.join("model.ply");
-    let bytes = std::fs::read(&path).map_err(|error| cannot(&path, error.to_string()))?;
+    let bytes =
+        reading::bytes(&path, reading::MOST_RESULT).map_err(|error| cannot(&path, error.to_string()))?;
     let model = ply::read(&bytes).map_err(|error| cannot(&path, error.to_string()))?;
     let path = folder.join("job.toml");
     let job = Job::read(&path).map_err(|error| Failure::new(Exit::Input, &error).hint(error.hint()))?;

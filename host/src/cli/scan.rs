@@ -4,7 +4,6 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use nalgebra::Isometry3;
-use weldpath::files;
 use weldpath::files::File;
 use weldpath::lab::simulation;
 use weldpath::lab::simulation::{Noise, Part, Request};
@@ -13,7 +12,7 @@ use weldpath::pendant::teleop::{REGIONS, Session, Setup, generator, recording};
 use weldpath::run::job::quantity::Place;
 use weldpath_core::wire::HandFrame;
 
-use super::plan::not_written;
+use super::folder::{Folder, FolderArgs};
 use super::port::{PortOrSim, lost};
 use super::simulate::keep_real_scans;
 use super::{Exit, Failure, print, progress, whole};
@@ -36,6 +35,8 @@ pub(super) struct Args {
     /// Folder for the scan
     #[arg(long, value_name = "DIR", required_unless_present = "make_hands")]
     out: Option<PathBuf>,
+    #[command(flatten)]
+    folder: FolderArgs,
     /// The workpiece under the camera, as in `weldpath simulate`
     #[arg(long, default_value = "butt-v")]
     part: Part,
@@ -94,7 +95,7 @@ fn make(args: &Args, file: &Path, setup: &Setup, poses: &[Isometry3<f64>]) -> Re
     let name = file.file_name().and_then(|name| name.to_str()).unwrap_or("hands.csv");
     let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let content = recording::to_csv(&frames, &part);
-    files::write(folder, &[File::new(name, content)]).map_err(not_written)?;
+    Folder::new(folder, args.folder, args.quiet).write(&[File::new(name, content)])?;
     let text = format!("{}: {} frames, {} captures\n", file.display(), frames.len(), poses.len());
     if args.quiet { Ok(()) } else { print(&text) }
 }
@@ -120,7 +121,8 @@ fn scan(args: &Args, request: &Request, setup: &Setup) -> Result<(), Failure> {
             .hint("\"ok\" is pinch > 0.7, grab < 0.5, middle to little finger extended, held 50 ms"));
     }
     let scan = simulation::captured(request, &poses).map_err(|error| Failure::new(Exit::Usage, error))?;
-    simulation::write(&scan, out).map_err(|error| Failure::new(Exit::Output, error))?;
+    let files = simulation::files(&scan).map_err(|error| Failure::new(Exit::Output, error))?;
+    Folder::new(out, args.folder, args.quiet).write(&files)?;
     let text = format!("{}: {} views\nnext: weldpath plan {}\n", out.display(), poses.len(), out.display());
     if args.quiet { Ok(()) } else { print(&text) }
 }

@@ -64,7 +64,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
 
 /// Points round the place, nearest first: enough for the scored ones and their neighbours.
 fn nearest(args: &Args) -> Result<Vec<Point3<f64>>, Failure> {
-    let options = input::Options { units: input::Units::Auto };
+    let options = input::Options::default();
     let scan = input::read(&args.cloud, &options).map_err(|error| Failure::new(Exit::Input, error))?;
     let place = args.near.point_mm();
     let views = scan.views.iter();

@@ -7,6 +7,7 @@ use weldpath::input;
 use weldpath::lab::simulation;
 use weldpath::lab::simulation::{Error, Format, MeshRequest, Noise, Part, Pose, Request, Weld};
 
+use super::folder::{Folder, FolderArgs};
 use super::{Exit, Failure, print, whole};
 
 /// Simulate a multi-view scan of a workpiece, with its exact truth
@@ -27,6 +28,8 @@ pub(super) struct Args {
     /// Folder for scan.json, the views and truth.json
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
+    #[command(flatten)]
+    folder: FolderArgs,
     /// Number of views [default: as many as the part needs, 8 of a mesh]
     #[arg(long, value_name = "N", value_parser = whole::<usize>, allow_negative_numbers = true)]
     views: Option<usize>,
@@ -86,7 +89,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         (None, Some(mesh)) => simulation::simulate_mesh(&of_mesh(args, mesh)?).map_err(failure)?,
         (None, None) => return Err(Failure::new(Exit::Usage, "neither --part nor --mesh is given")),
     };
-    simulation::write(&scan, &args.out).map_err(failure)?;
+    Folder::new(&args.out, args.folder, args.quiet).write(&simulation::files(&scan).map_err(failure)?)?;
     let (out, views, seams) = (args.out.display(), scan.views.len(), scan.truth.seams.len());
     let text = format!("{out}: {views} views, {seams} seams in truth.json\nnext: weldpath plan {out}\n");
     if args.quiet { Ok(()) } else { print(&text) }
@@ -145,6 +148,6 @@ pub(super) fn keep_real_scans(out: &Path) -> Result<(), Failure> {
 }
 
 fn failure(error: Error) -> Failure {
-    let exit = if matches!(error, Error::Write { .. }) { Exit::Output } else { Exit::Usage };
+    let exit = if matches!(error, Error::Encode { .. }) { Exit::Output } else { Exit::Usage };
     Failure::new(exit, error)
 }

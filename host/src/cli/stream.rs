@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use indicatif::ProgressBar;
+use weldpath::files::reading;
 use weldpath::output::json;
 use weldpath::pendant::link::program;
 use weldpath::pendant::link::program::Upload;
@@ -11,6 +12,7 @@ use weldpath::pendant::link::{Event, Link, cause_words, fault_words, refusal_wor
 use weldpath_core::interlock::State;
 use weldpath_core::wire::{Answer, Command, Field, Refusal, Telemetry};
 
+use super::folder::settle;
 use super::keys::{CTRL_C, Keys};
 use super::port::{Port, lost};
 use super::{Exit, Failure, print, progress};
@@ -66,11 +68,12 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
 
 fn read(program: &Path) -> Result<Vec<weldpath::weld::program::Waypoint>, Failure> {
     let file = if program.is_dir() { program.join("path.json") } else { program.into() };
+    settle(file.parent().unwrap_or(Path::new("")))?;
     let cannot = |why: String| {
         Failure::new(Exit::Input, format!("cannot read {}: {why}", file.display()))
             .hint("`weldpath plan` writes path.json")
     };
-    let text = std::fs::read_to_string(&file).map_err(|error| cannot(error.to_string()))?;
+    let text = reading::text(&file, reading::MOST_RESULT).map_err(|error| cannot(error.to_string()))?;
     json::read(&text).map_err(|error| cannot(error.to_string()))
 }
 

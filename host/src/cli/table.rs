@@ -10,6 +10,8 @@ use weldpath::seam::Seam;
 use weldpath::seam::measure::dimension::Dimension;
 use weldpath::weld::position::Position;
 
+use super::warnings;
+
 /// Seams, what was derived, warnings, and where the files are.
 pub(super) fn result(plan: &Plan, output: &Output, source: &Source, out: &Path) -> String {
     let mut text = format!(
@@ -32,7 +34,8 @@ pub(super) fn result(plan: &Plan, output: &Output, source: &Source, out: &Path) 
     plan.views.iter().for_each(|view| line(&mut text, &registration(view)));
     let seams =
         plan.seams.iter().flat_map(|seam| seam.warnings.iter().map(|w| format!("seam {}: {w}", seam.id)));
-    for warning in output.summary.warnings().iter().cloned().chain(seams) {
+    let all: Vec<String> = output.summary.warnings().iter().cloned().chain(seams).collect();
+    for warning in warnings::lines(&all) {
         line(&mut text, &format!("warning: {warning}"));
     }
     let names: Vec<&str> = output.files.iter().map(|file| file.name.as_str()).collect();

@@ -9,7 +9,7 @@ use nalgebra::{Isometry3, Point3};
 use png::{BitDepth, ColorType, Decoder};
 use serde::Deserialize;
 
-use super::{Error, Scan, name_of, records};
+use super::{Error, Scan, memory, name_of, records};
 use crate::geometry::cloud::View;
 
 /// Pinhole intrinsics, in pixels, and the size of a count.
@@ -31,6 +31,9 @@ pub(super) const PRIMESENSE: Camera =
 
 /// Deflate grows its input by at most this (zlib's technical details).
 const DEFLATE_GROWTH: u64 = 1032;
+
+/// In memory: the count, and the point that it becomes.
+const PIXEL_BYTES: u64 = 2 + 12;
 
 /// What a focal length or an image's centre can be, in pixels.
 const PIXELS: std::ops::RangeInclusive<f64> = 1.0..=1e6;
@@ -113,6 +116,7 @@ fn counts(bytes: &[u8], camera: &Camera, path: &Path) -> Result<Vec<u8>, Error> 
         "PNG header",
         path,
     )?;
+    memory::hold(path, bytes.len(), "pixels", pixels, PIXEL_BYTES)?;
     let mut reader = decoder.read_info().map_err(damaged)?;
     let mut counts = vec![0; 2 * pixels as usize];
     reader.next_frame(&mut counts).map_err(damaged)?;

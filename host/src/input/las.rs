@@ -7,6 +7,7 @@ use las::Reader;
 use nalgebra::Point3;
 
 use super::Error;
+use super::memory;
 use super::raw::{Positions, Raw};
 use super::records;
 use super::units::Unit;
@@ -34,6 +35,7 @@ pub(super) fn parse(bytes: Vec<u8>, path: &Path) -> Result<Raw, Error> {
     let possible = if packed { available.saturating_mul(LAZ_POINTS_PER_BYTE as usize) } else { available };
     let record = if packed { 1 } else { RECORD };
     let count = records::check_count(count, record, possible, "points", "number of point records", path)?;
+    memory::hold(path, available, "points", count as u64, 24 + 12)?;
     let mut points = Vec::with_capacity(count);
     while points.len() < count {
         let chunk = reader.read_points(CHUNK).map_err(bad)?;
@@ -99,7 +101,7 @@ mod tests {
                 let base = view.base_from_camera * p.cast::<f64>();
                 assert!((base.coords - t.coords * 1000.0).norm() < 0.02, "{base} {t}");
             }
-            let options = Options { units: Units::Millimetres };
+            let options = Options { units: Units::Millimetres, ..Options::default() };
             let as_mm = read_bytes(bytes, Path::new("part.las"), &options).unwrap();
             assert!((as_mm.views[0].base_from_camera.translation.vector.x - 1000.0).abs() < 1.0);
         }

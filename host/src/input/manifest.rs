@@ -5,7 +5,7 @@
 //! view is a `depth` image or a `cloud` in the camera's frame, or a cloud with `"frame": "base"` and `camera_m`. A key
 //! that is not known is refused: a misspelt one would be silently ignored otherwise.
 
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 use nalgebra::{Isometry3, Vector3};
 use rayon::prelude::*;
@@ -14,15 +14,23 @@ use serde_json::Value;
 
 use super::depth::{self, Camera};
 use super::units::Unit;
-use super::{Error, Options, Scan, direction, name_of, parsed, read_file, transform, translation, view_of};
+use super::{
+    Error, Options, Scan, direction, name_of, parsed, read_at_most, read_file, transform, translation,
+    view_of,
+};
 use crate::geometry::cloud::View;
 
 /// Name of the file in its folder.
 pub(super) const NAME: &str = "scan.json";
 
-const KEYS: &[&str] = &["units", "camera", "flange_from_camera", "camera_from_flange", "views"];
+/// Bytes of a `scan.json` or a calibration at most; a thousand views take a fifth of it.
+pub(super) const MOST_BYTES: u64 = 1 << 20;
+
+const KEYS: &[&str] =
+    &["units", "camera", "flange_from_camera", "camera_from_flange", "flange_from_tcp", "views"];
 const CAMERA_KEYS: &[&str] = &["width", "height", "fx", "fy", "cx", "cy", "depth_scale_m"];
-const VIEW_KEYS: &[&str] = &["depth", "cloud", "frame", "camera_m", "base_from_flange", "flange_from_base"];
+const VIEW_KEYS: &[&str] =
+    &["depth", "cloud", "frame", "camera_m", "base_from_flange", "flange_from_base", "base_from_tcp"];
 
 /// Farther from its base no flange is, mm; beyond it the unit is wrong.
 const LONGEST_REACH_MM: f64 = 50_000.0;
@@ -35,6 +43,7 @@ struct Manifest {
     camera: Option<Camera>,
     flange_from_camera: Option<Value>,
     camera_from_flange: Option<Value>,
+    flange_from_tcp: Option<Value>,
     views: Vec<Entry>,
 }
 
@@ -54,6 +63,7 @@ struct Entry {
     camera_m: Option<[f64; 3]>,
     base_from_flange: Option<Value>,
     flange_from_base: Option<Value>,
+    base_from_tcp: Option<Value>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
@@ -69,6 +79,9 @@ pub(super) fn read(path: &Path, options: &Options) -> Result<Scan, Error> {
     let mut scan =
         Scan { views: Vec::new(), notes: Vec::new(), warnings: Vec::new(), inputs: vec![path.into()] };
     let unit = unit(&manifest, options, &mut scan);
+    if !options.allow_outside {
+        refuse_outside(&manifest, path)?;
+    }
     let hand_eye = hand_eye(&manifest, unit, path, &mut scan)?;
     let job = Job { path, unit, hand_eye, manifest: &manifest };
     let read: Vec<_> = (0..manifest.views.len()).into_par_iter().map(|i| job.view(i)).collect();
@@ -90,7 +103,7 @@ pub(super) fn read(path: &Path, options: &Options) -> Result<Scan, Error> {
 }
 
 fn load(path: &Path) -> Result<Manifest, Error> {
-    let bytes = read_file(path)?;
+    let bytes = read_at_most(path, MOST_BYTES)?;
     let bad = |e: serde_json::Error| {
         let place = format!("line {}, column {}", e.line(), e.column());
         Error::malformed(
@@ -136,6 +149,36 @@ fn check_keys(value: &Value, place: &str, known: &[&str], path: &Path) -> Result
         format!("unknown key, did you mean `{}`?", nearest.copied().unwrap_or_default()),
         format!("Known here are {}", known.join(", ")),
     ))
+}
+
+/// Refuses names of files that are not below the folder of `scan.json`: who gets a scan from others does not expect that it
+/// reads something else, and shows it in a report.
+fn refuse_outside(manifest: &Manifest, path: &Path) -> Result<(), Error> {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let root = folder.canonicalize().unwrap_or_else(|_| folder.into());
+    let by_name =
+        |name: &Path| name.components().all(|c| matches!(c, Component::Normal(_) | Component::CurDir));
+    // A link may lead out, too. What is not there is told when it is read.
+    let by_link = |name: &Path| folder.join(name).canonicalize().is_ok_and(|file| !file.starts_with(&root));
+    let eye = [
+        ("flange_from_camera", &manifest.flange_from_camera),
+        ("camera_from_flange", &manifest.camera_from_flange),
+    ];
+    let eye = eye
+        .into_iter()
+        .filter_map(|(key, value)| Some((key.to_owned(), Path::new(value.as_ref()?.as_str()?))));
+    let files = manifest.views.iter().enumerate().flat_map(|(i, view)| {
+        let named = [("depth", &view.depth), ("cloud", &view.cloud)];
+        named.into_iter().filter_map(move |(key, name)| Some((format!("views[{i}].{key}"), name.as_deref()?)))
+    });
+    match files.chain(eye).find(|(_, name)| !by_name(name) || by_link(name)) {
+        Some((place, name)) => {
+            let problem = format!("{} is outside the folder of scan.json", name.display());
+            let help = "Put the file into the folder, or say --allow-outside if that is meant";
+            Err(Error::malformed(path, place, problem, help))
+        }
+        None => Ok(()),
+    }
 }
 
 fn unit(manifest: &Manifest, options: &Options, scan: &mut Scan) -> Unit {
@@ -265,7 +308,10 @@ impl Job<'_> {
                 "a cloud in the base frame needs the camera's position, [x, y, z] in metres",
             );
         };
-        if entry.base_from_flange.is_some() || entry.flange_from_base.is_some() {
+        if entry.base_from_flange.is_some()
+            || entry.flange_from_base.is_some()
+            || entry.base_from_tcp.is_some()
+        {
             return self.bad(i, "base_from_flange", "a cloud in the base frame has no use for a pose");
         }
         let at_mm = Vector3::from(camera_m) * 1000.0;
@@ -298,18 +344,21 @@ impl Job<'_> {
         if entry.camera_m.is_some() {
             return self.bad(i, "camera_m", "it belongs to a cloud with \"frame\": \"base\"");
         }
-        let (key, value, inverted) = match (&entry.base_from_flange, &entry.flange_from_base) {
-            (Some(value), None) => ("base_from_flange", value, false),
-            (None, Some(value)) => ("flange_from_base", value, true),
-            (None, None) => {
-                return self.bad(
-                    i,
-                    "base_from_flange",
-                    "it is missing: [x, y, z, rx, ry, rz], rotation vector in rad",
-                );
+        let given = [
+            ("base_from_flange", &entry.base_from_flange),
+            ("flange_from_base", &entry.flange_from_base),
+            ("base_from_tcp", &entry.base_from_tcp),
+        ];
+        let given: Vec<(&str, &Value)> =
+            given.into_iter().filter_map(|(key, value)| Some((key, value.as_ref()?))).collect();
+        let (key, value) = match given[..] {
+            [one] => one,
+            [] => {
+                let form = "it is missing: [x, y, z, rx, ry, rz], rotation vector in rad";
+                return self.bad(i, "base_from_flange", form);
             }
-            (Some(_), Some(_)) => {
-                return self.bad(i, "flange_from_base", "base_from_flange is given too; keep one of them");
+            [(first, _), (second, _), ..] => {
+                return self.bad(i, second, format!("{first} is given too; keep one of them"));
             }
         };
         let Some(flange_from_camera) = self.hand_eye else {
@@ -321,7 +370,30 @@ impl Job<'_> {
         let pose = transform::parse(value, self.unit)
             .map_err(|(problem, help)| Error::malformed(self.path, place, problem, help))?;
         self.check_reach(i, key, pose.translation.vector)?;
-        Ok(if inverted { pose.inverse() * flange_from_camera } else { pose * flange_from_camera })
+        let base_from_flange = match key {
+            "flange_from_base" => pose.inverse(),
+            "base_from_tcp" => pose * self.tcp_from_flange()?,
+            _ => pose,
+        };
+        Ok(base_from_flange * flange_from_camera)
+    }
+
+    /// What the controller's TCP is set to, the other way round.
+    fn tcp_from_flange(&self) -> Result<Isometry3<f64>, Error> {
+        let bad = |problem: String, help: &str| Error::malformed(self.path, "flange_from_tcp", problem, help);
+        let help = "Give the TCP that is set at the controller, as in [x, y, z, rx, ry, rz], or the flange's pose as \
+                    base_from_flange";
+        let value = self.manifest.flange_from_tcp.as_ref();
+        let value = value.ok_or_else(|| bad("it is missing, and base_from_tcp needs it".into(), help))?;
+        let given = transform::parse(value, self.unit).map_err(|(problem, help)| bad(problem, help))?;
+        let away_mm = given.translation.vector.norm();
+        if away_mm > LONGEST_MOUNT_MM {
+            return Err(bad(
+                format!("the TCP would be {away_mm:.0} mm from the flange"),
+                "It is in `units`: check them",
+            ));
+        }
+        Ok(given.inverse())
     }
 
     fn check_reach(&self, i: usize, field: &str, at_mm: Vector3<f64>) -> Result<(), Error> {
@@ -351,7 +423,8 @@ fn check_direction(
     let inverse =
         |key: &'static str, other: &'static str, given: bool| if given { [key, other] } else { [other, key] };
     let eye = inverse("flange_from_camera", "camera_from_flange", manifest.flange_from_camera.is_some());
-    let forward = manifest.views.iter().any(|entry| entry.base_from_flange.is_some());
+    let forward =
+        manifest.views.iter().any(|entry| entry.base_from_flange.is_some() || entry.base_from_tcp.is_some());
     let pose = inverse("base_from_flange", "flange_from_base", forward);
     let wrong: Vec<[&str; 2]> = [(found.invert_hand_eye, eye), (found.invert_poses, pose)]
         .into_iter()
@@ -456,6 +529,47 @@ mod tests {
         let scan = scan(&json).unwrap();
         assert!((first_in_base(&scan) - Point3::new(800.0, 1470.0, 3100.0)).norm() < 1e-3);
         assert_eq!((scan.warnings.len(), scan.inputs.len()), (0, 2));
+    }
+
+    #[test]
+    fn a_pose_of_the_tcp_is_that_of_the_flange_with_the_tcp_taken_off() {
+        let eye = "[[0,-1,0,0],[1,0,0,0],[0,0,1,0.03],[0,0,0,1]]";
+        let flange = scan(&posed(eye, "[1,2,3,0,0,0]")).unwrap();
+        // The torch stands out by 350 mm along the flange's z, turned by a quarter about x.
+        let tcp = |tcp: &str, view: &str| {
+            format!(
+                "{{\"units\": \"m\", \"flange_from_camera\": {eye}, {tcp} \"views\": [{{\"cloud\": \"a.xyz\", {view}}}]}}"
+            )
+        };
+        let set = format!("\"flange_from_tcp\": [0,0,0.35,{FRAC_PI_2},0,0],");
+        let pose = format!("\"base_from_tcp\": [1,2,3.35,{FRAC_PI_2},0,0]");
+        let same = scan(&tcp(&set, &pose)).unwrap();
+        assert!((first_in_base(&same) - first_in_base(&flange)).norm() < 1e-3);
+        let missing = scan(&tcp("", &pose)).unwrap_err().to_string();
+        assert!(missing.contains("flange_from_tcp") && missing.contains("it is missing"), "{missing}");
+        let both = scan(&tcp(&set, &format!("{pose}, \"base_from_flange\": [1,2,3,0,0,0]")))
+            .unwrap_err()
+            .to_string();
+        assert!(both.contains("base_from_flange is given too"), "{both}");
+    }
+
+    #[test]
+    fn files_outside_the_folder_are_read_only_if_that_is_allowed() {
+        let home = tempfile::tempdir().unwrap();
+        let folder = home.path().join("scan");
+        std::fs::create_dir(&folder).unwrap();
+        std::fs::write(home.path().join("secret.xyz"), "0.1 0.2 0.5\n").unwrap();
+        let absolute = home.path().join("secret.xyz").display().to_string();
+        for name in ["../secret.xyz", &absolute, "x/../../secret.xyz"] {
+            let view = format!(r#"{{"cloud": "{name}", "frame": "base", "camera_m": [0, 0, 1]}}"#);
+            std::fs::write(folder.join(NAME), format!(r#"{{"units": "m", "views": [{view}]}}"#)).unwrap();
+            let error = super::super::read(&folder, &Options::default()).unwrap_err().to_string();
+            assert!(error.contains("views[0].cloud") && error.contains("--allow-outside"), "{error}");
+        }
+        let view = r#"{"cloud": "../secret.xyz", "frame": "base", "camera_m": [0, 0, 1]}"#;
+        std::fs::write(folder.join(NAME), format!(r#"{{"units": "m", "views": [{view}]}}"#)).unwrap();
+        let allowed = Options { allow_outside: true, ..Options::default() };
+        assert_eq!(super::super::read(&folder, &allowed).unwrap().views.len(), 1);
     }
 
     #[test]

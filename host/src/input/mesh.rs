@@ -10,7 +10,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::extent::Extent;
 use super::raw::{FARTHEST, Positions, Raw};
-use super::{Error, name_of, translation, whole_mm};
+use super::{Error, memory, name_of, translation, whole_mm};
 use crate::geometry::cloud::View;
 use crate::geometry::mesh::Mesh;
 
@@ -28,6 +28,7 @@ pub(super) fn parse_obj(bytes: &[u8], path: &Path) -> Result<Raw, Error> {
         ..tobj::LoadOptions::default()
     };
     let mut geometry = obj_geometry(bytes);
+    hold_faces(&geometry, bytes.len(), path)?;
     let no_materials = |_: &Path| Ok((Vec::new(), Default::default()));
     let (models, _) = tobj::load_obj_buf(&mut geometry.as_slice(), &options, no_materials).map_err(|e| {
         let help = "Export the mesh again, as OBJ or as STL";
@@ -61,6 +62,16 @@ fn obj_geometry(bytes: &[u8]) -> Vec<u8> {
         geometry.push(b'\n');
     }
     geometry
+}
+
+/// Bytes that the library and [`Raw`] take for a corner of a polygon, which is a triangle of its fan as well.
+const CORNER_BYTES: u64 = 24 + 12 + 24;
+
+/// Refuses polygons of so many corners that their fans would take far more than the file.
+fn hold_faces(geometry: &[u8], file_bytes: usize, path: &Path) -> Result<(), Error> {
+    let faces = geometry.split(|b| *b == b'\n').filter(|line| line.starts_with(b"f "));
+    let corners: usize = faces.map(|line| line.iter().filter(|b| **b == b' ').count() - 1).sum();
+    memory::hold(path, file_bytes, "corners of faces", corners as u64, CORNER_BYTES)
 }
 
 /// A mesh with at least one triangle.

@@ -10,6 +10,7 @@ use pcd_rs::metas::{DataKind, PcdMeta, Schema, ValueKind};
 use pcd_rs::record::PcdDeserialize;
 
 use super::Error;
+use super::memory;
 use super::raw::{Positions, Raw};
 use super::records::{self, Layout, Records, Width};
 
@@ -150,6 +151,9 @@ fn check_compressed(claimed: u64, record: u64, data: &[u8], path: &Path) -> Resu
     Ok(claimed as usize)
 }
 
+/// A point in double and in single precision.
+const POINT_BYTES: u64 = 24 + 12;
+
 /// Every variant that is not plain binary of floats.
 fn by_library(
     bytes: &[u8],
@@ -162,6 +166,7 @@ fn by_library(
     let place = |i: usize| format!("point {i} (line {} if ascii)", header_lines + i + 1);
     let bad = |i: usize, problem: String| Error::malformed(path, place(i), problem, CUT_OFF);
     let reader = Reader::<Xyz, _>::from_reader(bytes).map_err(|e| bad(0, e.to_string()))?;
+    memory::hold(path, bytes.len(), "points", count as u64, columns.record + POINT_BYTES)?;
     let mut points = Vec::with_capacity(count);
     for (i, record) in reader.enumerate() {
         points.push(Point3::from(record.map_err(|e| bad(i, e.to_string()))?.0));

@@ -12,6 +12,7 @@ use ply_rs_bw::ply::{
 };
 
 use super::Error;
+use super::memory;
 use super::mesh;
 use super::raw::{Positions, Raw};
 use super::records::{self, Layout, Records, Width};
@@ -27,9 +28,9 @@ pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<Raw, Error> {
     let raw = match layout {
         Some(layout) => Raw::from(records::positions(data, layout, points)),
         None if header.encoding == Encoding::Ascii => {
-            from_rows(&ascii_rows(data, lines, &header, path)?, path)?
+            from_rows(&ascii_rows(data, lines, &header, path)?, bytes.len(), path)?
         }
-        None => from_rows(&binary_rows(data, &header, path)?, path)?,
+        None => from_rows(&binary_rows(data, &header, path)?, bytes.len(), path)?,
     };
     Ok(Raw { unit: stated_unit(&header), ..raw })
 }
@@ -65,6 +66,9 @@ impl Begin {
         let vertex = vertex_of(&header, path)?;
         let faces = header.elements.get("face").filter(|face| face.count > 0 && indices_of(face).is_some());
         let layout = fast_layout(&header, vertex).filter(|_| faces.is_none());
+        if layout.is_none() {
+            hold_rows(&header, length, path)?;
+        }
         let points = vertex.count;
         Ok(Self { header, lines, bytes, points, layout })
     }
@@ -110,13 +114,27 @@ fn check_elements(header: &Header, available: usize, path: &Path) -> Result<(), 
     Ok(())
 }
 
-/// Least size of a row: in ASCII a digit and a separator per number, in binary every list empty.
+/// Refuses rows that would take far more than the file: an empty list is one byte there.
+fn hold_rows(header: &Header, file_bytes: usize, path: &Path) -> Result<(), Error> {
+    let rows: usize = header.elements.values().take(needed(header)).map(|element| element.count).sum();
+    memory::hold(path, file_bytes, "rows", rows as u64, (size_of::<Row>() + size_of::<Point3<f64>>()) as u64)
+}
+
+/// Least size of a row: in ASCII a digit and a separator per number, in binary every list empty, but that of a face: with
+/// fewer than three corners it is none.
 fn least_bytes(element: &ElementDef, encoding: Encoding) -> usize {
     let of = |data_type: &PropertyType| match (encoding, data_type) {
         (Encoding::Ascii, _) => 2,
         (_, PropertyType::Scalar(scalar) | PropertyType::List(scalar, _)) => size(scalar),
     };
-    element.properties.values().map(|p| of(&p.data_type)).sum()
+    let list =
+        indices_of(element).filter(|_| element.name == "face").and_then(|name| element.properties.get(name));
+    let corner = match (encoding, list.map(|list| &list.data_type)) {
+        (Encoding::Ascii, Some(_)) => 2,
+        (_, Some(PropertyType::List(_, content))) => size(content),
+        _ => 0,
+    };
+    element.properties.values().map(|p| of(&p.data_type)).sum::<usize>() + 3 * corner
 }
 
 fn size(scalar: &ScalarType) -> usize {
@@ -290,7 +308,9 @@ fn ascii_row(line: &[u8], element: &ElementDef) -> Result<Row, String> {
     Ok(row)
 }
 
-fn from_rows(rows: &Rows, path: &Path) -> Result<Raw, Error> {
+fn from_rows(rows: &Rows, file_bytes: usize, path: &Path) -> Result<Raw, Error> {
+    let corners: usize = rows.faces.iter().map(|face| face.indices.len()).sum();
+    memory::hold(path, file_bytes, "corners of faces", corners as u64, size_of::<[usize; 3]>() as u64)?;
     let vertices: Vec<_> = rows.vertices.iter().map(|row| Point3::from(row.xyz)).collect();
     let mut triangles = Vec::new();
     for (i, face) in rows.faces.iter().enumerate() {

@@ -12,6 +12,8 @@ use super::{Error, mesh, records};
 
 const HEADER: usize = 84;
 const FACET: usize = 50;
+/// The line that begins a solid, with a name.
+const NAMED: &[u8] = b"solid named\n";
 const HELP: &str = "The file is cut off or damaged here: export the mesh again";
 
 /// Whether the length is exactly that of a binary STL with the count that stands after its 80-byte header.
@@ -61,7 +63,11 @@ fn solids(bytes: &[u8]) -> Vec<Vec<u8>> {
     let mut solids: Vec<Vec<u8>> = Vec::new();
     for line in bytes.split(|b| *b == b'\n').map(<[u8]>::trim_ascii) {
         if line.starts_with(b"solid") {
-            solids.push(b"solid named\n".to_vec());
+            // One after the other without a facet between them are one: each would take more than its line.
+            if solids.last().is_some_and(|solid| solid == NAMED) {
+                continue;
+            }
+            solids.push(NAMED.to_vec());
         } else if let Some(solid) = solids.last_mut() {
             solid.extend_from_slice(line);
             solid.push(b'\n');

@@ -15,9 +15,13 @@ use super::units::Unit;
 const HELP: &str =
     "Write one point per line: x, y, z, with one delimiter and, if you like, a header that names them";
 
+/// Bytes of a row at most: some thousand columns.
+const LONGEST_ROW: usize = 1 << 16;
+
 /// Reads a file of columns.
 pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<Raw, Error> {
     let preamble = Preamble::of(bytes, path)?;
+    preamble.refuse_endless_rows(path)?;
     let mut reader = ReaderBuilder::new()
         .delimiter(preamble.delimiter)
         .has_headers(false)
@@ -78,6 +82,15 @@ impl<'a> Preamble<'a> {
             rest = &rest[end..];
         }
         Err(Error::empty(path, "there is no row of numbers"))
+    }
+
+    /// The library keeps the place of every cell of a row: one of nothing but commas would take eight times its bytes.
+    fn refuse_endless_rows(&self, path: &Path) -> Result<(), Error> {
+        let long = self.rows.split(|b| *b == b'\n').position(|row| row.len() > LONGEST_ROW);
+        long.map_or(Ok(()), |row| {
+            let problem = format!("it is longer than {LONGEST_ROW} bytes, the most for one point");
+            Err(Error::malformed(path, format!("line {}", self.lines + row + 1), problem, HELP))
+        })
     }
 
     /// The point of a row; `None` for an empty row.

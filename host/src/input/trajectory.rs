@@ -13,9 +13,11 @@ use serde::Deserialize;
 use super::depth::{self, Camera, PRIMESENSE};
 use super::transform::{Fault, from_quaternion, from_rows};
 use super::units::Unit;
-use super::{Error, Options, Scan, direction, manifest, name_of, read_file};
+use super::{Error, Options, Scan, direction, manifest, name_of, read_at_most, read_file};
 use crate::geometry::cloud::View;
 
+/// Bytes of a trajectory at most: poses of a camera that ran for hours.
+const MOST_BYTES: u64 = 16 << 20;
 const HELP: &str = "Write a scan.json that names the views and their poses, or give one file";
 
 /// Reads the depth images of `folder` (or of its `depth/`) with the trajectory beside them.
@@ -69,7 +71,7 @@ fn camera(folder: &Path) -> Result<(Camera, Option<String>), Error> {
     }
     let help = "It needs width, height and intrinsic_matrix, nine numbers column by column";
     let bad = |place: String, problem: String| Error::malformed(&file, place, problem, help);
-    let read: Intrinsics = serde_json::from_slice(&read_file(&file)?)
+    let read: Intrinsics = serde_json::from_slice(&read_at_most(&file, manifest::MOST_BYTES)?)
         .map_err(|e| bad(format!("line {}, column {}", e.line(), e.column()), e.to_string()))?;
     let [fx, _, _, _, fy, _, cx, cy, _] = read.intrinsic_matrix;
     let camera = Camera { width: read.width, height: read.height, fx, fy, cx, cy, depth_scale_m };
@@ -174,7 +176,7 @@ fn trajectory(folder: &Path, unit: Unit) -> Result<(PathBuf, Vec<Stamped>), Erro
     files.sort_by_key(|path| !named(path));
     let mut refused = None;
     for file in files {
-        match poses(&String::from_utf8_lossy(&read_file(&file)?), &file, unit) {
+        match poses(&String::from_utf8_lossy(&read_at_most(&file, MOST_BYTES)?), &file, unit) {
             Ok(poses) if !poses.is_empty() => return Ok((file, poses)),
             Ok(_) => {}
             Err(error) => {

@@ -21,7 +21,7 @@ mod truth;
 mod workpiece;
 
 pub use camera::{Camera, DepthImage, RANGE_MM};
-pub use files::write;
+pub use files::{files, write};
 pub use mesh::{MeshRequest, Weld, mesh_truth, simulate_mesh};
 pub use noise::Noise;
 pub use request::{Error, Format, Part, Pose, Request};

@@ -15,6 +15,7 @@ use nalgebra::Isometry3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::files::reading;
 use crate::input::Units;
 use crate::pipeline;
 use crate::robot::arc::WeldingArc;
@@ -205,7 +206,7 @@ pub struct ToolSettings {
 impl Job {
     /// Reads a job file; its `input` is made relative to where the file is.
     pub fn read(path: &Path) -> Result<Self, Error> {
-        let text = std::fs::read_to_string(path)
+        let text = reading::text(path, reading::MOST_JOB)
             .map_err(|error| Error::Unreadable { path: path.into(), why: error.to_string() })?;
         let mut job = Self::parse(&text, path)?;
         let folder = path.parent().unwrap_or(Path::new(""));
@@ -239,8 +240,8 @@ impl Job {
             MethodName::Weldpath => self.ratio_threshold,
         };
         let job = Self { ratio_threshold, path, torch, weave, stitch, ..self.clone() };
-        // Every type in it has a TOML form.
-        toml::to_string(&job).unwrap_or_default()
+        // Every type in it has a TOML form but a path that is no text; without it the job still says how to weld.
+        toml::to_string(&job).or_else(|_| toml::to_string(&Self { input: None, ..job })).unwrap_or_default()
     }
 
     /// The JSON schema of a job file, for editors.

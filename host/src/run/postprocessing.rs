@@ -146,7 +146,7 @@ fn weld(path: &SeamPath, plan: &Plan, job: &Job) -> Result<Weld, selection::Erro
     for own in &job.seams {
         let named = match (own.id, own.near_mm) {
             (Some(id), _) => Some(selection::known(&plan.paths, id)?),
-            (None, Some(place)) => selection::nearest(&plan.paths, &place.point_mm()),
+            (None, Some(place)) => selection::nearest(&plan.paths, &place.point_mm())?,
             (None, None) => None,
         };
         if named == Some(path.seam) {

@@ -17,6 +17,18 @@ pub enum Error {
         /// What there is.
         known: Vec<usize>,
     },
+    /// No seam is anywhere near the place.
+    #[error(
+        "the seam nearest to {place} is seam {nearest}, {away_mm} mm away: that is another place, or another frame"
+    )]
+    NothingNear {
+        /// The place, mm.
+        place: String,
+        /// The nearest of the seams.
+        nearest: usize,
+        /// How far it is, whole mm.
+        away_mm: u64,
+    },
     /// No seam is left.
     #[error("no seam has half of its points in the region of interest; seam {nearest} comes nearest to it")]
     OutsideRegion {
@@ -48,9 +60,24 @@ pub fn select(paths: &[SeamPath], selection: &Selection) -> Result<Vec<SeamPath>
             .iter()
             .copied()
             .min_by(|a, b| distance_mm(a, &near_mm).total_cmp(&distance_mm(b, &near_mm)));
+        if let Some(path) = nearest {
+            refuse_far(path, &near_mm)?;
+        }
         chosen = nearest.into_iter().collect();
     }
     Ok(chosen.into_iter().cloned().collect())
+}
+
+/// A place that is pointed at lies within this of its seam, mm: what a hand, or a click in a picture, misses by.
+const FARTHEST_NEAR_MM: f64 = 200.0;
+
+fn refuse_far(path: &SeamPath, place_mm: &Point3<f64>) -> Result<(), Error> {
+    let away_mm = distance_mm(path, place_mm);
+    if away_mm <= FARTHEST_NEAR_MM {
+        return Ok(());
+    }
+    let place = format!("({}, {}, {})", place_mm.x, place_mm.y, place_mm.z);
+    Err(Error::NothingNear { place, nearest: path.seam, away_mm: away_mm as u64 })
 }
 
 /// `id`, if a seam has it.
@@ -60,9 +87,13 @@ pub fn known(paths: &[SeamPath], id: usize) -> Result<usize, Error> {
 }
 
 /// Id of the seam nearest to a place, mm; none without seams.
-pub fn nearest(paths: &[SeamPath], place_mm: &Point3<f64>) -> Option<usize> {
+///
+/// # Errors
+/// If that seam is far away.
+pub fn nearest(paths: &[SeamPath], place_mm: &Point3<f64>) -> Result<Option<usize>, Error> {
     let away = |path: &&SeamPath| distance_mm(path, place_mm);
-    paths.iter().min_by(|a, b| away(a).total_cmp(&away(b))).map(|path| path.seam)
+    let Some(path) = paths.iter().min_by(|a, b| away(a).total_cmp(&away(b))) else { return Ok(None) };
+    refuse_far(path, place_mm).map(|()| Some(path.seam))
 }
 
 fn share(path: &SeamPath, holds: impl Fn(&Point3<f64>) -> bool) -> f64 {
@@ -114,6 +145,16 @@ mod tests {
         assert_eq!(chosen(Selection { near_mm, ..Default::default() }), Ok(vec![2]));
         let seams = vec![1, 3];
         assert_eq!(chosen(Selection { near_mm, seams, ..Default::default() }), Ok(vec![3]));
+    }
+
+    #[test]
+    fn a_place_far_from_every_seam_is_refused_with_the_distance() {
+        let near = |text: &str| Selection { near_mm: text.parse().ok(), ..Default::default() };
+        let error = chosen(near("9000,0,0")).unwrap_err().to_string();
+        assert!(error.contains("(9000, 0, 0)") && error.contains("seam 1, 8991 mm away"), "{error}");
+        assert_eq!(chosen(near("4,0,200")), Ok(vec![1]));
+        assert!(chosen(near("4,0,201")).is_err());
+        assert!(nearest(&paths(), &Point3::new(0.0, 500.0, 0.0)).is_err());
     }
 
     #[test]

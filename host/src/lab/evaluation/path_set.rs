@@ -1,6 +1,7 @@
 //! Torch paths as they stand in a CSV file: columns by name, millimetres, base frame.
 
 use super::Error;
+use crate::files::reading;
 use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
 use std::collections::HashMap;
 use std::path::Path;
@@ -27,7 +28,8 @@ const ROTATION_VECTOR: [&str; 3] = ["rx", "ry", "rz"];
 impl PathSet {
     /// Reads a CSV file with columns `x_mm,y_mm,z_mm`, and perhaps `qw,qx,qy,qz` or `rx,ry,rz` (radians) and `seam`.
     pub fn read(path: &Path) -> Result<Self, Error> {
-        let bytes = std::fs::read(path).map_err(|source| Error::Read { path: path.into(), source })?;
+        let bytes = reading::bytes(path, reading::MOST_RESULT)
+            .map_err(|source| Error::Read { path: path.into(), source })?;
         Self::parse(&bytes, path)
     }
 

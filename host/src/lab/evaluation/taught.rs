@@ -74,7 +74,8 @@ impl Truth {
     /// Reads a `truth.json`, or a taught path (`.csv`, the columns of [`PathSet`] with an orientation), each of
     /// whose seams then counts as visible and required all along.
     pub fn read(path: &Path) -> Result<Self, Error> {
-        let bytes = std::fs::read(path).map_err(|source| Error::Read { path: path.into(), source })?;
+        let bytes = crate::files::reading::bytes(path, crate::files::reading::MOST_RESULT)
+            .map_err(|source| Error::Read { path: path.into(), source })?;
         let is_csv = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv"));
         if is_csv { parse(&bytes, path) } else { Self::parse(&bytes, path) }
     }

@@ -2,8 +2,7 @@
 
 use super::request::{Error, Format};
 use super::{Camera, DepthImage, Simulated};
-use crate::files;
-use crate::files::File;
+use crate::files::{File, Writer};
 use serde::Serialize;
 use std::io;
 use std::path::Path;
@@ -42,9 +41,15 @@ struct ViewEntry {
 
 /// Writes `scan` into `folder`, which is made if need be: all of it, or nothing.
 pub fn write(scan: &Simulated, folder: &Path) -> Result<(), Error> {
+    Writer::new(folder).write(&files(scan)?)?;
+    Ok(())
+}
+
+/// `scan` as the files of a folder.
+pub fn files(scan: &Simulated) -> Result<Vec<File>, Error> {
     let made = |name: String, bytes: io::Result<Vec<u8>>| match bytes {
         Ok(bytes) => Ok(File::new(name, bytes)),
-        Err(source) => Err(Error::Write { path: folder.join(name), source }),
+        Err(source) => Err(Error::Encode { name, source }),
     };
     let views = scan.views.iter().enumerate().map(|(i, view)| {
         let bytes = match scan.format {
@@ -57,8 +62,7 @@ pub fn write(scan: &Simulated, folder: &Path) -> Result<(), Error> {
         made("truth.json".into(), json_bytes(&scan.truth, false)),
         made("scan.json".into(), json_bytes(&scan_file(scan), true)),
     ];
-    let files = views.chain(lists).collect::<Result<Vec<File>, Error>>()?;
-    files::write(folder, &files).map_err(|error| Error::Write { path: error.path, source: error.source })
+    views.chain(lists).collect()
 }
 
 fn view_name(format: Format, i: usize) -> String {

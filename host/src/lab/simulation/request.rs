@@ -128,14 +128,17 @@ pub enum Error {
     /// A mesh that has nothing to see.
     #[error("the mesh has no triangle with an area")]
     EmptyMesh,
-    /// The folder or a file in it cannot be written.
-    #[error("cannot write {path}: {source}")]
-    Write {
+    /// A file cannot be made.
+    #[error("cannot make {name}: {source}")]
+    Encode {
         /// The file.
-        path: std::path::PathBuf,
-        /// What the system says.
+        name: String,
+        /// What is wrong.
         source: std::io::Error,
     },
+    /// The folder or a file in it cannot be written.
+    #[error(transparent)]
+    Write(#[from] crate::files::Error),
 }
 
 impl Part {

@@ -66,11 +66,38 @@ pub(super) fn check(job: &Job, text: &str, path: &Path) -> Result<(), Error> {
         let hint = "docs/feasibility.md lists the keys of [robot] and [torch_body]";
         return refuse(line_of_key(text, key), &why, hint);
     }
+    if let Some(id) = twice(&job.selection.seams) {
+        return refuse(
+            line_of_key(text, "seams"),
+            &format!("seam {id} is selected twice"),
+            "name each seam once",
+        );
+    }
+    let ids: Vec<usize> = job.seams.iter().filter_map(|seam| seam.id).collect();
+    if let Some(id) = twice(&ids) {
+        let line =
+            text.lines().enumerate().filter(|(_, line)| is_id(line, id)).nth(1).map_or(1, |(at, _)| at + 1);
+        return refuse(
+            line,
+            &format!("there are two [[seam]] with id = {id}"),
+            "put the settings of a seam into one",
+        );
+    }
     if job.seams.iter().any(|seam| seam.id.is_some() == seam.near_mm.is_some()) {
         let hint = "give id = 2, or near_mm = [120, -35, 8]";
         return refuse(line_of_key(text, "[[seam]]"), "a [[seam]] has either an id or a near_mm", hint);
     }
     Ok(())
+}
+
+/// The first id that stands twice.
+fn twice(ids: &[usize]) -> Option<usize> {
+    ids.iter().enumerate().find(|(at, id)| ids[..*at].contains(id)).map(|(_, id)| *id)
+}
+
+fn is_id(line: &str, id: usize) -> bool {
+    line.split_once('=')
+        .is_some_and(|(key, value)| key.trim() == "id" && value.trim().starts_with(&id.to_string()))
 }
 
 /// Keys given together of which only one can hold.

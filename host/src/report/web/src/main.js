@@ -179,7 +179,7 @@ function keyboard() {
     const tag = event.target.tagName;
     if (tag === "SELECT" || tag === "BUTTON" || tag === "SUMMARY") return;
     if (event.key === " ") play(!state.playing);
-    else if (event.key >= "1" && event.key <= "9") select(Number(event.key));
+    else if (event.key >= "0" && event.key <= "9") typed(event.key, event.timeStamp);
     else if (tag !== "CANVAS") return;
     else if (event.key === "f" || event.key === "F" || event.key === "Home") scene.look("home");
     else if (event.key === "+" || event.key === "=") scene.nearer(0.85);
@@ -191,6 +191,19 @@ function keyboard() {
     else return;
     event.preventDefault();
   });
+}
+
+// Digits that follow each other within this time, in ms, are one number: 1 2 selects seam 12, if there is one.
+const SAME_NUMBER_MS = 900;
+const typing = { text: "", at: -Infinity };
+
+function typed(digit, at) {
+  const longer = at - typing.at < SAME_NUMBER_MS ? typing.text + digit : digit;
+  const known = (text) => seams.some((seam) => seam.id === Number(text));
+  // What no seam's number begins with begins anew.
+  const begins = seams.some((seam) => String(seam.id).startsWith(longer));
+  Object.assign(typing, { text: begins ? longer : digit, at });
+  if (known(typing.text)) select(Number(typing.text));
 }
 
 function theme(dark) {

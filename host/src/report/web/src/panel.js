@@ -54,12 +54,23 @@ export function tiles() {
   ].filter(Boolean));
 }
 
+// Warnings that are shown at once.
+const UNFOLDED = 3;
+
 export function warnings(onSelect) {
   const all = allWarnings();
   if (!all.length) return;
-  $("warnings").append(el("ul", {}, all.map(({ text, seam }) => el("li", {},
+  const item = ({ text, seam }) => el("li", {},
     el("span", {}, sentence(text)),
-    seam && el("button", { type: "button", onclick: () => onSelect(seam.id) }, `seam ${seam.id}`)))));
+    seam && el("button", { type: "button", onclick: () => onSelect(seam.id) }, `seam ${seam.id}`));
+  $("warnings").append(el("ul", {}, all.slice(0, UNFOLDED).map(item)));
+  // The picture stays on the screen, however many there are.
+  const rest = all.slice(UNFOLDED);
+  if (rest.length) {
+    $("warnings").append(el("details", {},
+      el("summary", {}, `${plural(rest.length, "more warning")}`),
+      el("ul", {}, rest.map(item))));
+  }
 }
 
 export function list(onSelect) {
