@@ -145,13 +145,17 @@ fn without_threads_the_work_is_done_and_a_link_is_refused_in_words() {
     )
     .unwrap();
     let run = |line: &str| {
-        let limited = format!("ulimit -u 1; exec ./weldpath {line}");
         let is_root = std::fs::read_to_string("/proc/self/status").unwrap().contains("Uid:\t0\t0");
-        let mut shell = std::process::Command::new(if is_root { "setpriv" } else { "sh" });
+        let mut limited = std::process::Command::new(if is_root { "setpriv" } else { "prlimit" });
         if is_root {
-            shell.args(["--reuid=65534", "--regid=65534", "--clear-groups", "sh"]);
+            limited.args(["--reuid=65534", "--regid=65534", "--clear-groups", "prlimit"]);
         }
-        shell.args(["-c", &limited]).current_dir(home.path()).output().unwrap()
+        limited
+            .args(["--nproc=1:1", "./weldpath"])
+            .args(line.split(' '))
+            .current_dir(home.path())
+            .output()
+            .unwrap()
     };
     let planned = run("plan flat.xyz");
     assert_eq!(planned.status.code(), Some(3), "{}", said(&planned));
