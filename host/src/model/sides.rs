@@ -10,6 +10,8 @@ use crate::geometry::grid::Grid;
 use crate::model::downsampling::Voxels;
 use nalgebra::{Matrix3, Point3, Vector3};
 use rayon::prelude::*;
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
 
 /// Directions all round.
 const LOOKS: usize = 96;
@@ -67,19 +69,52 @@ pub fn seen(voxels: &Voxels, given: bool) -> Sides {
     let share = agree as f32 / all.max(1) as f32;
     let keeps = given && share > AGREES;
     let turns = given && share < 1.0 - AGREES;
-    let side = |vote: f32| match (keeps, turns) {
-        (true, _) => 1.0,
-        (_, true) => -1.0,
-        _ if vote < 0.0 => -1.0,
-        _ => 1.0,
+    let (mut sides, unknown): (Vec<Vector3<f32>>, Vec<bool>) = match (keeps, turns) {
+        (true, _) => (normals.clone(), vec![false; normals.len()]),
+        (_, true) => (normals.iter().map(|n| -n).collect(), vec![false; normals.len()]),
+        _ => spread(voxels, &votes),
     };
-    Sides {
-        normals: normals.iter().zip(&votes).map(|(n, vote)| n * side(*vote)).collect(),
-        unknown: votes.iter().map(|vote| !keeps && !turns && vote.abs() < 0.1).collect(),
-        table,
-        borne_out: given.then_some(share),
-    }
+    sides.iter_mut().for_each(|n| *n = n.try_normalize(1e-6).unwrap_or_else(Vector3::z));
+    Sides { normals: sides, unknown, table, borne_out: given.then_some(share) }
 }
+
+/// Votes from here on are sure. A plate of which one side was scanned is seen from both: its side carries over from what
+/// is next to it, most alike first (Hoppe et al. 1992, *Surface reconstruction from unorganized points*).
+const SURE: f32 = 0.4;
+
+/// The normals turned as sure votes say, and from these on to the others; and which nothing reached.
+fn spread(voxels: &Voxels, votes: &[f32]) -> (Vec<Vector3<f32>>, Vec<bool>) {
+    let points = &voxels.cloud.points_mm;
+    let reach_mm = SPREAD_VOXELS * voxels.edge_mm;
+    let grid = Grid::new(points, reach_mm);
+    let mut unknown: Vec<bool> = votes.iter().map(|vote| vote.abs() < SURE).collect();
+    let turn = |(n, vote): (&Vector3<f32>, &f32)| if *vote < 0.0 { -n } else { *n };
+    let mut normals: Vec<Vector3<f32>> = voxels.cloud.normals.iter().zip(votes).map(turn).collect();
+    // By likeness, whose bits are ordered as it is, then by place: the order does not depend on chance.
+    let mut queue: BinaryHeap<(u32, Reverse<(usize, usize)>)> = BinaryHeap::new();
+    let steps = |from: usize, unknown: &[bool], normals: &[Vector3<f32>], queue: &mut BinaryHeap<_>| {
+        grid.within(&points[from], reach_mm, |slot, _| {
+            let to = grid.index(slot);
+            if unknown[to] {
+                let alike = normals[from].dot(&normals[to]).abs();
+                queue.push((alike.to_bits(), Reverse((to, from))));
+            }
+        });
+    };
+    (0..points.len()).filter(|&i| !unknown[i]).for_each(|i| steps(i, &unknown, &normals, &mut queue));
+    while let Some((_, Reverse((to, from)))) = queue.pop() {
+        if std::mem::replace(&mut unknown[to], false) {
+            if normals[to].dot(&normals[from]) < 0.0 {
+                normals[to] = -normals[to];
+            }
+            steps(to, &unknown, &normals, &mut queue);
+        }
+    }
+    (normals, unknown)
+}
+
+/// Neighbours farther apart than this are not the same surface, voxels.
+const SPREAD_VOXELS: f32 = 2.0;
 
 /// Unit directions from which to look, evenly spread (Fibonacci's spiral).
 fn directions() -> impl Iterator<Item = Vector3<f32>> {
