@@ -6,3 +6,4 @@ pub mod downsampling;
 pub mod normals;
 pub mod orientation;
 pub mod reconstruction;
+pub mod sides;
