@@ -349,6 +349,9 @@ fn name_of(path: &Path) -> String {
     path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned())
 }
 
+/// Bytes of a `scan.json` or a calibration at most; a thousand views take a fifth of it.
+const SETTINGS_BYTES: u64 = 1 << 20;
+
 /// The whole of a regular file; a device or a pipe could be endless.
 fn read_file(path: &Path) -> Result<Vec<u8>, Error> {
     read_at_most(path, u64::MAX)

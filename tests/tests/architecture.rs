@@ -193,7 +193,16 @@ fn only_serial_names_the_serial_port() {
 
 #[test]
 fn algorithms_of_the_host_read_and_write_no_file() {
-    let shells = ["input", "files", "run/job", "lab/evaluation", "cli", "pendant/emulator", "pendant/teleop"];
+    let shells = [
+        "input",
+        "files",
+        "run/job",
+        "lab/evaluation",
+        "lab/suite",
+        "cli",
+        "pendant/emulator",
+        "pendant/teleop",
+    ];
     let src = root().join("host/src");
     let shell = |path: &Path| {
         shells.iter().any(|shell| path.strip_prefix(&src).is_ok_and(|inside| in_room(inside, shell)))

@@ -12,6 +12,12 @@ type Module = Vec<String>;
 
 /// Folders whose parts use words of the file above them, and why these stand there.
 const CIRCLES: &[(&str, &str)] = &[
+    (
+        "files",
+        "one Error and one record of what was there, for the journal that switches and the manifest that asks",
+    ),
+    ("geometry/mesh", "the mesh that is closed into shells"),
+    ("seam/facets", "bounds on gaps and openings, said once for all of its steps"),
     ("input", "one Error for all readers, and the Scan that each fills; the file above tries them in turn"),
     ("model/reconstruction", "settings and result of the registration that the solver fills"),
     ("pipeline", "settings, clock and error of the method, for the search over voxel sizes"),

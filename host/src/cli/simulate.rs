@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use weldpath::input;
 use weldpath::lab::simulation;
-use weldpath::lab::simulation::{Error, Format, MeshRequest, Noise, Part, Pose, Request, Weld};
+use weldpath::lab::simulation::{Error, Format, ListedWeld, MeshRequest, Noise, Part, Pose, Request};
 
 use super::folder::{Folder, FolderArgs};
 use super::{Exit, Failure, print, whole};
@@ -121,7 +121,7 @@ fn of_mesh(args: &Args, mesh: &Path) -> Result<MeshRequest, Failure> {
     let list = |path: &PathBuf| {
         let named = |e: &dyn std::fmt::Display| unread(&format!("{}: {e}", path.display()));
         let bytes = std::fs::read(path).map_err(|e| named(&e))?;
-        Weld::list(&bytes).map_err(|e| {
+        ListedWeld::list(&bytes).map_err(|e| {
             named(&e).hint("a list of welds is {\"welds\": [{\"start\": {\"xyz\", \"pose\"}, \"end\": ...}]}")
         })
     };

@@ -3,7 +3,7 @@
 use std::fmt::Write;
 use std::path::Path;
 
-use weldpath::lab::suite::{self, Row, Tally};
+use weldpath::lab::suite::{self, PieceScore, Tally};
 
 use super::{Exit, Failure, print};
 
@@ -32,7 +32,7 @@ pub(super) fn run(folder: &Path, json: bool, quiet: bool) -> Result<(), Failure>
 const HEADING: &str =
     "kind  seams  length mm  weld mm  covered %  false %  error mm  stated mm  torch deg  false conf    s";
 
-fn words(row: &Row) -> String {
+fn words(row: &PieceScore) -> String {
     let kind = format!("{:?}", row.kind).to_lowercase();
     let mut text = format!(
         "{kind:<5} {:>5} {:>10.0} {}",
@@ -68,7 +68,7 @@ fn number(value: Option<f64>) -> String {
 }
 
 /// Means over the rows that have a truth.
-fn mean(rows: &[Row]) -> String {
+fn mean(rows: &[PieceScore]) -> String {
     let tallies: Vec<Tally> = rows.iter().filter_map(|row| row.tally).collect();
     let over =
         |values: Vec<f64>| (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64);

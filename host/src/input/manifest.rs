@@ -23,9 +23,6 @@ use crate::geometry::cloud::View;
 /// Name of the file in its folder.
 pub(super) const NAME: &str = "scan.json";
 
-/// Bytes of a `scan.json` or a calibration at most; a thousand views take a fifth of it.
-pub(super) const MOST_BYTES: u64 = 1 << 20;
-
 const KEYS: &[&str] =
     &["units", "camera", "flange_from_camera", "camera_from_flange", "flange_from_tcp", "views"];
 const CAMERA_KEYS: &[&str] = &["width", "height", "fx", "fy", "cx", "cy", "depth_scale_m"];
@@ -103,7 +100,7 @@ pub(super) fn read(path: &Path, options: &Options) -> Result<Scan, Error> {
 }
 
 fn load(path: &Path) -> Result<Manifest, Error> {
-    let bytes = read_at_most(path, MOST_BYTES)?;
+    let bytes = read_at_most(path, super::SETTINGS_BYTES)?;
     let bad = |e: serde_json::Error| {
         let place = format!("line {}, column {}", e.line(), e.column());
         Error::malformed(

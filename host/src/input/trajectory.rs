@@ -71,7 +71,7 @@ fn camera(folder: &Path) -> Result<(Camera, Option<String>), Error> {
     }
     let help = "It needs width, height and intrinsic_matrix, nine numbers column by column";
     let bad = |place: String, problem: String| Error::malformed(&file, place, problem, help);
-    let read: Intrinsics = serde_json::from_slice(&read_at_most(&file, manifest::MOST_BYTES)?)
+    let read: Intrinsics = serde_json::from_slice(&read_at_most(&file, super::SETTINGS_BYTES)?)
         .map_err(|e| bad(format!("line {}, column {}", e.line(), e.column()), e.to_string()))?;
     let [fx, _, _, _, fy, _, cx, cy, _] = read.intrinsic_matrix;
     let camera = Camera { width: read.width, height: read.height, fx, fy, cx, cy, depth_scale_m };

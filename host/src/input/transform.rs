@@ -122,7 +122,7 @@ fn rigid(at: [f64; 3], rotation: UnitQuaternion<f64>, unit: Unit) -> Isometry3<f
 
 /// `flange_from_camera` in mm from a file that easy_handeye (ROS 1) or easy_handeye2 (ROS 2) saved; metres in the file.
 pub(super) fn easy_handeye(file: &Path) -> Result<Isometry3<f64>, Error> {
-    let bytes = read_at_most(file, super::manifest::MOST_BYTES)?;
+    let bytes = read_at_most(file, super::SETTINGS_BYTES)?;
     let bad = |problem: String, help: &str| Error::malformed(file, "calibration", problem, help);
     if bytes.len() > LARGEST_FILE {
         return Err(bad(format!("{} bytes are too many for a calibration", bytes.len()), HANDEYE));

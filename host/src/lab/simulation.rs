@@ -22,7 +22,7 @@ mod workpiece;
 
 pub use camera::{Camera, DepthImage, RANGE_MM};
 pub use files::{files, write};
-pub use mesh::{MeshRequest, Weld, mesh_truth, simulate_mesh};
+pub use mesh::{ListedWeld, MeshRequest, mesh_truth, simulate_mesh};
 pub use noise::Noise;
 pub use request::{Error, Format, Part, Pose, Request};
 pub use rotation::UrPose;

@@ -6,7 +6,7 @@
 
 mod pieces;
 
-pub use pieces::{Kind, Piece, pieces};
+pub use pieces::{Piece, PieceKind, pieces};
 
 use crate::geometry::grid::Grid;
 use crate::input;
@@ -43,11 +43,11 @@ pub struct Tally {
 
 /// A row of the table.
 #[derive(Debug, Clone, Serialize)]
-pub struct Row {
+pub struct PieceScore {
     /// Path of the piece below the folder of the suite.
     pub name: String,
     /// What it is.
-    pub kind: Kind,
+    pub kind: PieceKind,
     /// Seams offered.
     pub seams: usize,
     /// Their length, mm.
@@ -65,11 +65,11 @@ pub struct Row {
 }
 
 /// Plans a piece with default options and sets it against its truth.
-pub fn measure(piece: &Piece) -> Row {
+pub fn measure(piece: &Piece) -> PieceScore {
     let begin = Instant::now();
     let planned = planned(&piece.input);
     let plan_s = begin.elapsed().as_secs_f64();
-    let nothing = Row {
+    let nothing = PieceScore {
         name: piece.name.clone(),
         kind: piece.kind,
         seams: 0,
@@ -84,9 +84,9 @@ pub fn measure(piece: &Piece) -> Row {
         (Ok((plan, paths)), Ok(truth)) => of_plan(&plan, &paths, truth.as_ref(), nothing),
         (Err(reason), Ok(truth)) => {
             let tally = truth.map(|truth| tally(&PathSet::default(), &truth));
-            Row { tally, reason: Some(reason), ..nothing }
+            PieceScore { tally, reason: Some(reason), ..nothing }
         }
-        (_, Err(reason)) => Row { reason: Some(reason), ..nothing },
+        (_, Err(reason)) => PieceScore { reason: Some(reason), ..nothing },
     }
 }
 
@@ -101,7 +101,7 @@ fn planned(input: &Path) -> Result<(Plan, PathSet), String> {
     Ok((plan, paths))
 }
 
-fn of_plan(plan: &Plan, paths: &PathSet, truth: Option<&Truth>, row: Row) -> Row {
+fn of_plan(plan: &Plan, paths: &PathSet, truth: Option<&Truth>, row: PieceScore) -> PieceScore {
     let length_mm: f64 = plan.seams.iter().map(|seam| seam.length_mm()).sum();
     let squares: f64 = plan.seams.iter().map(|s| s.expected_error_mm.powi(2) * s.length_mm()).sum();
     let is_false = |seam: &&crate::seam::Seam| {
@@ -110,7 +110,7 @@ fn of_plan(plan: &Plan, paths: &PathSet, truth: Option<&Truth>, row: Row) -> Row
         tally(&own, truth).false_share > 0.5
     };
     let most = plan.seams.iter().filter(is_false).map(|seam| seam.confidence).max_by(f64::total_cmp);
-    Row {
+    PieceScore {
         seams: plan.seams.len(),
         length_mm,
         tally: truth.map(|truth| tally(paths, truth)),

@@ -32,7 +32,7 @@ struct Triangle {
 
 /// Where a ray meets a triangle.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Hit {
+pub struct RayHit {
     /// Which triangle.
     pub facet: u32,
     /// How far along the ray, in multiples of its direction.
@@ -75,7 +75,7 @@ impl Tree {
         from: &Point3<f64>,
         direction: &Vector3<f64>,
         most: f64,
-        mut stop: impl FnMut(Hit) -> bool,
+        mut stop: impl FnMut(RayHit) -> bool,
     ) -> bool {
         let inverse = direction.map(|d| 1.0 / d);
         let meets = |node: &Node| {
@@ -92,7 +92,7 @@ impl Tree {
         };
         self.walk(meets, |facet| {
             let t = self.triangles[facet as usize].met(from, direction);
-            t.filter(|t| (0.0..=most).contains(t)).is_some_and(|t| stop(Hit { facet, t }))
+            t.filter(|t| (0.0..=most).contains(t)).is_some_and(|t| stop(RayHit { facet, t }))
         })
     }
 

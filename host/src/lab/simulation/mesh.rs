@@ -6,7 +6,7 @@ mod corners;
 mod faces;
 mod welds;
 
-pub use welds::Weld;
+pub use welds::ListedWeld;
 
 use super::camera::{Camera, RANGE_MM};
 use super::facet::Facet;
@@ -28,7 +28,7 @@ pub struct MeshRequest {
     /// Corners of its triangles, mm; z is up.
     pub triangles: Vec<[Point3<f64>; 3]>,
     /// What is to be welded; the inside corners of the mesh if not given.
-    pub welds: Option<Vec<Weld>>,
+    pub welds: Option<Vec<ListedWeld>>,
     /// How many views.
     pub views: usize,
     /// How noisy the camera is.
@@ -86,7 +86,7 @@ pub fn simulate_mesh(request: &MeshRequest) -> Result<Simulated, Error> {
 }
 
 /// The truth of a mesh in its own frame: its welds, as if all were seen.
-pub fn mesh_truth(triangles: &[[Point3<f64>; 3]], welds: &[Weld]) -> Truth {
+pub fn mesh_truth(triangles: &[[Point3<f64>; 3]], welds: &[ListedWeld]) -> Truth {
     let part = triangles.iter().filter_map(|t| Facet::new(*t)).map(Body::Facet).collect();
     let seams = welds::seams(welds, &Scene::of(part, 0.0));
     Truth {

@@ -2,7 +2,7 @@
 
 use crate::input;
 use crate::lab::evaluation::Truth;
-use crate::lab::simulation::{Weld, mesh_truth};
+use crate::lab::simulation::{ListedWeld, mesh_truth};
 use serde::Serialize;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 /// What a piece is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Kind {
+pub enum PieceKind {
     /// A folder with `scan.json`.
     Scan,
     /// An STL or OBJ file.
@@ -25,7 +25,7 @@ pub struct Piece {
     /// Path below the folder of the suite.
     pub name: String,
     /// What it is.
-    pub kind: Kind,
+    pub kind: PieceKind,
     /// What to give to `weldpath plan`.
     pub input: PathBuf,
     truth: Option<PathBuf>,
@@ -49,7 +49,7 @@ fn collect(root: &Path, folder: &Path, found: &mut Vec<Piece>) -> io::Result<()>
         let own = folder.file_name().unwrap_or_default().to_string_lossy();
         let beside = folder.with_file_name("truth").join(format!("{own}.json"));
         let truth = [folder.join("truth.json"), beside].into_iter().find(|file| file.is_file());
-        found.push(Piece { name: name(folder), kind: Kind::Scan, input: folder.into(), truth });
+        found.push(Piece { name: name(folder), kind: PieceKind::Scan, input: folder.into(), truth });
         return Ok(());
     }
     for entry in std::fs::read_dir(folder)? {
@@ -58,18 +58,18 @@ fn collect(root: &Path, folder: &Path, found: &mut Vec<Piece>) -> io::Result<()>
             collect(root, &path, found)?;
         } else if let Some(kind) = kind(&path) {
             let list = path.with_file_name("weld_vectors.json");
-            let truth = (kind == Kind::Mesh && list.is_file()).then_some(list);
+            let truth = (kind == PieceKind::Mesh && list.is_file()).then_some(list);
             found.push(Piece { name: name(&path), kind, input: path, truth });
         }
     }
     Ok(())
 }
 
-fn kind(path: &Path) -> Option<Kind> {
+fn kind(path: &Path) -> Option<PieceKind> {
     let extension = path.extension()?.to_ascii_lowercase();
     match extension.to_str()? {
-        "stl" | "obj" => Some(Kind::Mesh),
-        "ply" | "pcd" | "xyz" => Some(Kind::Cloud),
+        "stl" | "obj" => Some(PieceKind::Mesh),
+        "ply" | "pcd" | "xyz" => Some(PieceKind::Cloud),
         _ => None,
     }
 }
@@ -78,11 +78,11 @@ impl Piece {
     /// The truth, if there is one.
     pub(super) fn truth(&self) -> Result<Option<Truth>, String> {
         let Some(file) = &self.truth else { return Ok(None) };
-        if self.kind == Kind::Scan {
+        if self.kind == PieceKind::Scan {
             return Truth::read(file).map(Some).map_err(|error| error.to_string());
         }
         let bytes = std::fs::read(file).map_err(|error| format!("{}: {error}", file.display()))?;
-        let welds = Weld::list(&bytes).map_err(|error| format!("{}: {error}", file.display()))?;
+        let welds = ListedWeld::list(&bytes).map_err(|error| format!("{}: {error}", file.display()))?;
         let triangles = input::triangles(&self.input, &input::Options::default());
         Ok(Some(mesh_truth(&triangles.map_err(|error| error.to_string())?, &welds)))
     }
@@ -115,14 +115,14 @@ mod tests {
         names.iter().for_each(|name| file(name));
         let found = pieces(&root).unwrap();
         std::fs::remove_dir_all(&root).unwrap();
-        let rows: Vec<(&str, Kind, bool)> =
+        let rows: Vec<(&str, PieceKind, bool)> =
             found.iter().map(|p| (p.name.as_str(), p.kind, p.truth.is_some())).collect();
         let expected = [
-            ("a", Kind::Scan, true),
-            ("b_s1.5", Kind::Scan, true),
-            ("c/part.STL", Kind::Mesh, true),
-            ("d/part.obj", Kind::Mesh, false),
-            ("e.pcd", Kind::Cloud, false),
+            ("a", PieceKind::Scan, true),
+            ("b_s1.5", PieceKind::Scan, true),
+            ("c/part.STL", PieceKind::Mesh, true),
+            ("d/part.obj", PieceKind::Mesh, false),
+            ("e.pcd", PieceKind::Cloud, false),
         ];
         assert_eq!(rows, expected);
     }

@@ -50,7 +50,7 @@ fn the_corners_of_a_rib_are_its_four_sides_at_half_a_right_angle() {
 
 #[test]
 fn a_listed_torch_is_put_between_the_faces_and_short_pieces_are_left_out() {
-    let weld = |start: [f64; 3], end: [f64; 3], torch: [f64; 3]| Weld {
+    let weld = |start: [f64; 3], end: [f64; 3], torch: [f64; 3]| ListedWeld {
         start_mm: start.into(),
         end_mm: end.into(),
         torch: torch.into(),
@@ -73,9 +73,9 @@ fn a_listed_torch_is_put_between_the_faces_and_short_pieces_are_left_out() {
 #[test]
 fn a_list_of_welds_is_read() {
     let text = br#"{"welds": [{"start": {"xyz": [1, 2, 3], "pose": [0, 0, 1]}, "end": {"xyz": [9, 2, 3], "pose": [0, 0, 1]}}]}"#;
-    let welds = Weld::list(text).unwrap();
+    let welds = ListedWeld::list(text).unwrap();
     assert_eq!((welds[0].start_mm.y, welds[0].end_mm.x, welds[0].torch.z), (2.0, 9.0, 1.0));
-    assert!(Weld::list(b"{\"welds\": [{}]}").unwrap_err().to_string().contains("start"));
+    assert!(ListedWeld::list(b"{\"welds\": [{}]}").unwrap_err().to_string().contains("start"));
 }
 
 #[test]

@@ -8,7 +8,7 @@ use serde::Deserialize;
 
 /// A straight weld.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Weld {
+pub struct ListedWeld {
     /// Where it begins, mm.
     pub start_mm: Point3<f64>,
     /// Where it ends, mm.
@@ -34,7 +34,7 @@ struct End {
     pose: [f64; 3],
 }
 
-impl Weld {
+impl ListedWeld {
     /// Reads a list: `{"welds": [{"start": {"xyz": [mm], "pose": [torch direction]}, "end": ...}]}`.
     ///
     /// # Errors
@@ -61,12 +61,12 @@ const SHORTEST_MM: f64 = 6.0;
 
 /// The welds as seams with a station in the middle of every millimetre. Where the mesh has an inside corner, its faces
 /// tell the torch: some lists hold it along one face.
-pub(super) fn seams(welds: &[Weld], part: &Scene) -> Vec<TrueSeam> {
-    let long = |(_, weld): &(usize, &Weld)| (weld.end_mm - weld.start_mm).norm() >= SHORTEST_MM;
+pub(super) fn seams(welds: &[ListedWeld], part: &Scene) -> Vec<TrueSeam> {
+    let long = |(_, weld): &(usize, &ListedWeld)| (weld.end_mm - weld.start_mm).norm() >= SHORTEST_MM;
     welds.iter().enumerate().filter(long).filter_map(|(i, weld)| seam(i, weld, part)).collect()
 }
 
-fn seam(i: usize, weld: &Weld, part: &Scene) -> Option<TrueSeam> {
+fn seam(i: usize, weld: &ListedWeld, part: &Scene) -> Option<TrueSeam> {
     let along = weld.end_mm - weld.start_mm;
     let (tangent, listed) = (along.try_normalize(1e-9)?, weld.upright()?);
     // Without faces beside it the torch stands for both.
