@@ -350,7 +350,7 @@ mod tests {
         let meta = PcdMeta::from_reader(&bytes[..]).unwrap();
         let columns = Columns::of(&meta.field_defs, Path::new("a.pcd")).unwrap();
         assert!(columns.layout.is_some());
-        same(&by_library(&bytes, 0, &columns, 3, Path::new("a.pcd")).unwrap());
+        same(&by_library(&bytes, 0, &columns, 3, Path::new("a.pcd")).unwrap().0);
     }
 
     #[test]
