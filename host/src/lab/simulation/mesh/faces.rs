@@ -4,9 +4,9 @@ use super::super::facet::Facet;
 use super::super::scene::Scene;
 use nalgebra::{Point3, Vector3};
 
-/// A facet belongs to a line that it comes so near, mm: lists of welds are rounded, bodies that touch leave gaps.
+/// A facet belongs to a line that its plane comes so near, mm: lists of welds are rounded, bodies that touch leave gaps.
 const NEAR_MM: f64 = 0.5;
-/// How far from the line a face must still be there, mm.
+/// How far from the line a face must be there, mm: beyond the strips that some modellers leave at a foot.
 const BESIDE_MM: f64 = 1.5;
 /// Least cosine between a face and the other one's normal: 3 degrees from going straight on.
 const INSIDE: f64 = 0.05;
@@ -16,12 +16,9 @@ const ALONG: f64 = 0.1;
 /// Pairs of face normals, out of the material, that make an inside corner with free air between them at `place`, on a
 /// line along the unit vector `tangent`.
 pub(super) fn corners(scene: &Scene, place: &Point3<f64>, tangent: &Vector3<f64>) -> Vec<[Vector3<f64>; 2]> {
-    let beside: Vec<(Vector3<f64>, Vector3<f64>)> = scene
-        .facets_near(place, NEAR_MM)
-        .into_iter()
-        .flat_map(|facet| sides(facet, place, tangent))
-        .collect();
     let reach: Vec<&Facet> = scene.facets_near(place, 2.0 * BESIDE_MM);
+    let beside: Vec<(Vector3<f64>, Vector3<f64>)> =
+        reach.iter().flat_map(|facet| sides(facet, place, tangent)).collect();
     let mut found: Vec<[Vector3<f64>; 2]> = Vec::new();
     for (k, (normal, away)) in beside.iter().enumerate() {
         for (other, other_away) in &beside[k + 1..] {
@@ -38,7 +35,8 @@ pub(super) fn corners(scene: &Scene, place: &Point3<f64>, tangent: &Vector3<f64>
 /// Normal of a facet through the line, and the directions in which it leads away from it.
 fn sides(facet: &Facet, place: &Point3<f64>, tangent: &Vector3<f64>) -> Vec<(Vector3<f64>, Vector3<f64>)> {
     let across = facet.normal - tangent * tangent.dot(&facet.normal);
-    let through = facet.normal.dot(tangent).abs() < ALONG && facet.distance(place) < NEAR_MM;
+    let height_mm = facet.normal.dot(&(place - facet.corners[0]));
+    let through = facet.normal.dot(tangent).abs() < ALONG && height_mm.abs() < NEAR_MM;
     let Some(normal) = across.try_normalize(1e-6).filter(|_| through) else { return Vec::new() };
     let away = normal.cross(tangent);
     let leads = |away: &Vector3<f64>| facet.distance(&(place + away * BESIDE_MM)) < NEAR_MM;
