@@ -203,7 +203,6 @@ fn seam(bencher: Bencher, case: Case) {
         registration: None,
         view_names: vec!["view"],
         cameras_known: true,
-        table_shown: false,
     };
     let asymmetries = edges::asymmetries(&index, reach_mm);
     let model =

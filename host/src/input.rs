@@ -322,14 +322,10 @@ fn view_of(
     path: &Path,
 ) -> View {
     let origin = camera.unwrap_or_else(|| whole_mm(middle, mm_per_unit));
-    // Where the camera is known it tells the sides better than a file does.
-    let given =
-        if camera.is_none() && raw.normals.len() == raw.positions.len() { raw.normals } else { Vec::new() };
-    let unit = |n: Vector3<f32>| n.try_normalize(1e-6).unwrap_or_else(Vector3::zeros);
     View {
         name: name_of(path),
         points_mm: raw.positions.relative_mm(origin, mm_per_unit),
-        normals: given.into_iter().map(unit).collect(),
+        normals: Vec::new(),
         base_from_camera: translation(origin * mm_per_unit),
         camera_known: camera.is_some(),
         mesh: None,

@@ -6,4 +6,3 @@ pub mod downsampling;
 pub mod normals;
 pub mod orientation;
 pub mod reconstruction;
-pub mod sides;

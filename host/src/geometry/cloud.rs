@@ -67,12 +67,8 @@ pub struct Merged {
     pub points_mm: Vec<Point3<f32>>,
     /// Which view saw the point.
     pub view: Vec<u16>,
-    /// Normals of a mesh or of a file; empty where the points came from a camera.
+    /// Normals of a mesh; empty where the points came from a camera.
     pub normals: Vec<Vector3<f32>>,
-    /// Whether these tell sides only, and not the exact direction, as those of a mesh do.
-    pub normals_estimated: bool,
-    /// Whether some view's camera is assumed, not known.
-    pub cameras_unknown: bool,
     /// Position of each view's camera relative to `origin_mm`; where it is unknown, a place far above the points.
     pub cameras_mm: Vec<Point3<f32>>,
 }
@@ -81,12 +77,7 @@ impl Merged {
     /// Puts views together at the given poses.
     pub fn new(views: &[View], base_from_camera: &[Isometry3<f64>]) -> Self {
         let origin_mm = centre_mm(views, base_from_camera);
-        let mut merged = Self {
-            origin_mm,
-            normals_estimated: views.iter().any(|view| view.mesh.is_none()),
-            cameras_unknown: views.iter().any(|view| !view.camera_known),
-            ..Self::default()
-        };
+        let mut merged = Self { origin_mm, ..Self::default() };
         for (k, (view, pose)) in views.iter().zip(base_from_camera).enumerate() {
             let turn: nalgebra::UnitQuaternion<f32> = pose.rotation.cast();
             let turn = turn.to_rotation_matrix();

@@ -4,13 +4,11 @@ use super::{Clock, Config, Method, Observer, PlanError, no_seam};
 use crate::geometry::cloud::{Merged, PointCloud, View};
 use crate::geometry::grid::Grid;
 use crate::geometry::mesh::Mesh;
-use crate::model::denoising;
 use crate::model::downsampling;
 use crate::model::downsampling::{Scale, Voxels};
 use crate::model::reconstruction::Registration;
-use crate::model::sides::{self, Sides};
+use crate::model::{denoising, orientation};
 use crate::seam::score::{edges, paper};
-use crate::seam::trace::support;
 use crate::seam::{Cues, Found, INDEX_VOXELS, Input, RawScan, Seam, SurfaceModel, extraction};
 use nalgebra::{Isometry3, Vector3};
 
@@ -51,15 +49,11 @@ pub(super) struct Model {
     /// Spatial index of the cloud.
     pub index: Grid,
     asymmetries: Vec<Vector3<f32>>,
-    /// Where no camera tells the sides: what was found of them.
-    sides: Option<Sides>,
-    /// Whether the table is in a cloud of unknown cameras.
-    table_shown: bool,
 }
 
 impl Model {
     fn surface(&self) -> SurfaceModel<'_> {
-        let Self { voxels, cloud, index, asymmetries, .. } = self;
+        let Self { voxels, cloud, index, asymmetries } = self;
         SurfaceModel { voxels, cloud, index, asymmetries }
     }
 }
@@ -73,7 +67,6 @@ impl ScaleSearch<'_> {
             registration: Some(self.registration),
             view_names: self.views.iter().map(|view| view.name.as_str()).collect(),
             cameras_known: self.cameras_known(),
-            table_shown: false,
         }
     }
 
@@ -128,11 +121,9 @@ impl ScaleSearch<'_> {
                 format!("{count} voxels are too few for two faces; at least {MIN_POINTS} are needed");
             return Err(no_seam(reason));
         }
-        let mut found = clock.stage("seam", observer, || match self.config.method {
+        let found = clock.stage("seam", observer, || match self.config.method {
             Method::Weldpath => {
-                let scan = RawScan { table_shown: model.table_shown, ..self.raw_scan() };
-                let cues = Cues { steps: cues.steps || model.table_shown, ..cues };
-                let input = Input { scan, model: model.surface(), cues };
+                let input = Input { scan: self.raw_scan(), model: model.surface(), cues };
                 match self.mesh() {
                     Some((mesh, pose)) => extraction::find_in_mesh(&input, mesh, pose, &self.config.seam),
                     None => extraction::find(&input, &self.config.seam),
@@ -140,9 +131,6 @@ impl ScaleSearch<'_> {
             }
             Method::Paper { ratio_threshold } => paper::find(&model.surface(), ratio_threshold),
         });
-        if let Some(sides) = &model.sides {
-            found.only_with_sides(sides, &model.surface());
-        }
         Ok(ScaleResult { scale: *scale, model, found })
     }
 
@@ -154,10 +142,10 @@ impl ScaleSearch<'_> {
         if self.config.method != Method::Weldpath {
             voxels.fit_around_points(scale.bilateral().radius_mm);
         }
-        let sides_unknown = self.mesh().is_none() && !self.cameras_known();
+        let orientation_unknown = !self.views.iter().all(View::tells_orientation);
         // The filter moves points along their normals, whichever way these face: neither it nor what follows from places
         // alone need wait to be told.
-        let looked = || sides_unknown.then(|| sides::seen(&voxels, !self.merged.normals.is_empty()));
+        let turned = || orientation_unknown.then(|| orientation::propagated(&voxels));
         let filtered = || {
             let cloud = denoising::bilateral(&voxels.cloud, &scale.bilateral());
             let reach_mm = INDEX_VOXELS * voxels.edge_mm;
@@ -165,16 +153,15 @@ impl ScaleSearch<'_> {
             let asymmetries = edges::asymmetries(&index, reach_mm);
             (cloud, index, asymmetries)
         };
-        let (sides, (mut cloud, index, asymmetries)) =
-            clock.stage("denoising", observer, || rayon::join(looked, filtered));
-        if let Some(sides) = &sides {
-            cloud.normals.clone_from(&sides.normals);
-            voxels.turn(sides.normals.clone());
+        let (turned, (mut cloud, index, asymmetries)) =
+            clock.stage("denoising", observer, || rayon::join(turned, filtered));
+        if let Some(normals) = turned {
+            cloud.normals.clone_from(&normals);
+            voxels.turn(normals);
         }
-        let table_shown = sides_unknown && support::is_table_shown(&voxels);
         observer.cloud("downsampling", &voxels.cloud);
         observer.cloud("denoising", &cloud);
-        Model { voxels, cloud, index, asymmetries, sides, table_shown }
+        Model { voxels, cloud, index, asymmetries }
     }
 
     /// Whether larger voxels have nothing to add. Views that show a whole scene without a seam at their own scale
@@ -184,7 +171,7 @@ impl ScaleSearch<'_> {
             return true;
         }
         if result.found.seams.is_empty() {
-            self.raw_scan().has_whole_views() || result.model.table_shown
+            self.raw_scan().has_whole_views()
         } else {
             self.config.method != Method::Weldpath || !result.is_weak()
         }

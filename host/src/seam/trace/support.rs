@@ -74,43 +74,10 @@ impl Support {
         self.normal.dot(&p.coords) - self.offset_mm
     }
 
-    /// Whether it reaches farther than what stands on it, whichever way one looks along it: a table, and not the plate of a
-    /// T joint that was cut out.
-    pub fn surrounds(&self, voxels: &Voxels) -> bool {
-        const WAYS: usize = 16;
-        const MARGIN_MM: f32 = 10.0;
-        // Lower than this it may be the table's own noise, half thicknesses.
-        const STANDS: f32 = 3.0;
-        let aside = self.normal.cross(&Vector3::new(self.normal.z, self.normal.x, self.normal.y));
-        let Some(a) = aside.try_normalize(1e-3) else { return false };
-        let b = self.normal.cross(&a);
-        let way = |k: usize| {
-            let (sin, cos) = (std::f32::consts::TAU * k as f32 / WAYS as f32).sin_cos();
-            a * cos + b * sin
-        };
-        let ways: Vec<Vector3<f32>> = (0..WAYS).map(way).collect();
-        let mut reach = [[f32::MIN; WAYS]; 2];
-        for p in &voxels.cloud.points_mm {
-            let height = self.height_mm(p);
-            let stands = height > STANDS * self.half_mm;
-            if stands || height.abs() < self.half_mm {
-                for (way, reach) in ways.iter().zip(&mut reach[usize::from(stands)]) {
-                    *reach = reach.max(way.dot(&p.coords));
-                }
-            }
-        }
-        (0..WAYS).all(|k| reach[0][k] > reach[1][k] + MARGIN_MM)
-    }
-
     /// Whether a face with this normal at this place is the support itself.
     pub fn is_face(&self, normal: &Vector3<f32>, place: &Point3<f32>) -> bool {
         normal.dot(&self.normal) > SAME_FACE && self.height_mm(place).abs() < SAME_HALVES * self.half_mm
     }
-}
-
-/// Whether a cloud shows the table that the work stands on, and so all of the scene.
-pub fn is_table_shown(voxels: &Voxels) -> bool {
-    find(voxels).is_some_and(|table| table.surrounds(voxels))
 }
 
 /// The support of a cloud, if it has one.
