@@ -82,7 +82,8 @@ pub fn of(target: &str) -> Vec<Vec<u8>> {
         .iter()
         .flat_map(|t: &[i32; 3]| [vec![3_u8], t.iter().flat_map(|i| i.to_le_bytes()).collect()].concat())
         .collect();
-    let facet = "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n";
+    let facet =
+        "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n";
     let obj = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nvt 0 0\nvn 0 0 1\nf 1/1/1 2/1/1 3/1/1\nf -1 -2 -3 -4\n";
     match target {
         "ply" => vec![
@@ -92,8 +93,16 @@ pub fn of(target: &str) -> Vec<Vec<u8>> {
             ply("binary_little_endian", true, &[records(false), faces].concat()),
             ply("ascii", true, &[rows(" "), b"3 0 1 2\n3 0 2 3\n".to_vec()].concat()),
         ],
-        "pcd" => vec![pcd("ascii", &rows(" ")), pcd("binary", &records(false)), pcd("binary_compressed", &compressed())],
-        "text" => vec![rows(" "), [b"x_mm,y_mm,z_mm\n".to_vec(), rows(",")].concat(), b"z;x;y\n-3;1,5;2\n1;2;3\n".into()],
+        "pcd" => vec![
+            pcd("ascii", &rows(" ")),
+            pcd("binary", &records(false)),
+            pcd("binary_compressed", &compressed()),
+        ],
+        "text" => vec![
+            rows(" "),
+            [b"x_mm,y_mm,z_mm\n".to_vec(), rows(",")].concat(),
+            b"z;x;y\n-3;1,5;2\n1;2;3\n".into(),
+        ],
         "stl" => vec![binary_stl(), format!("solid a\n{facet}endsolid a\n").into_bytes()],
         "obj" => vec![obj.into()],
         "png" => vec![depth_png(640, 480), depth_png(64, 48)],

@@ -1,7 +1,7 @@
 //! Writes the files of a run: all of them, or none, whenever the program is killed.
 //!
 //! Everything is first written and synced in a hidden folder inside the target ([`STAGING`]), so a full disk or a
-//! missing permission is met before anything is replaced. Then a [`journal`] is renamed into place, which is the
+//! missing permission is met before anything is replaced. Then a `journal` is renamed into place, which is the
 //! switch: before it nothing in the target has changed, after it every file is renamed to its name. A run that is killed
 //! leaves its journal, and the next one, or a reader that calls [`settle`], finishes or undoes what it says.
 //!

@@ -54,7 +54,18 @@ impl Random {
 
 /// What readers trip over: ends of ranges, and what is no number.
 const WORDS: [&[u8]; 12] = [
-    b"0", b"-1", b"4294967295", b"1e308", b"nan", b"\xff\xff\xff\xff", b"\x00\x00\xc0\x7f", b"\n", b"{", b"\"", b"..", b"/",
+    b"0",
+    b"-1",
+    b"4294967295",
+    b"1e308",
+    b"nan",
+    b"\xff\xff\xff\xff",
+    b"\x00\x00\xc0\x7f",
+    b"\n",
+    b"{",
+    b"\"",
+    b"..",
+    b"/",
 ];
 
 fn mutated(seeds: &[Vec<u8>], random: &mut Random) -> Vec<u8> {
@@ -88,10 +99,12 @@ fn main() -> ExitCode {
     let words: Vec<String> = std::env::args().skip(1).collect();
     match words.iter().map(String::as_str).collect::<Vec<_>>()[..] {
         ["seeds", folder] => write_seeds(Path::new(folder)),
-        [name, seconds, seed] => match (TARGETS.iter().find(|(known, _)| *known == name), seconds.parse(), seed.parse()) {
-            (Some(target), Ok(seconds), Ok(seed)) => run(*target, Duration::from_secs(seconds), seed),
-            _ => usage(),
-        },
+        [name, seconds, seed] => {
+            match (TARGETS.iter().find(|(known, _)| *known == name), seconds.parse(), seed.parse()) {
+                (Some(target), Ok(seconds), Ok(seed)) => run(*target, Duration::from_secs(seconds), seed),
+                _ => usage(),
+            }
+        }
         _ => usage(),
     }
 }
@@ -107,7 +120,9 @@ fn write_seeds(folder: &Path) -> ExitCode {
         let folder = folder.join(name);
         let made = std::fs::create_dir_all(&folder);
         let mut seeds = seeds::of(name).into_iter().enumerate();
-        if made.is_err() || !seeds.all(|(i, bytes)| std::fs::write(folder.join(format!("seed-{i}")), bytes).is_ok()) {
+        if made.is_err()
+            || !seeds.all(|(i, bytes)| std::fs::write(folder.join(format!("seed-{i}")), bytes).is_ok())
+        {
             return ExitCode::FAILURE;
         }
     }
@@ -133,7 +148,10 @@ fn run((name, target): weldpath_fuzz::Target, time: Duration, seed: u64) -> Exit
             keep(name, &bytes, faults, if panicked { "panics" } else { "takes too much memory" });
         }
     }
-    println!("{name}: {inputs} inputs in {:.0} s, seed {seed}: {faults} faults; slowest {slowest:.1?}", time.as_secs_f64());
+    println!(
+        "{name}: {inputs} inputs in {:.0} s, seed {seed}: {faults} faults; slowest {slowest:.1?}",
+        time.as_secs_f64()
+    );
     if faults == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
 
@@ -143,7 +161,9 @@ const MOST_KEPT: u32 = 20;
 fn keep(name: &str, bytes: &[u8], number: u32, why: &str) {
     let folder = Path::new("artifacts").join(name);
     let file = folder.join(format!("mutated-{number}"));
-    if number <= MOST_KEPT && std::fs::create_dir_all(&folder).and_then(|()| std::fs::write(&file, bytes)).is_ok() {
+    if number <= MOST_KEPT
+        && std::fs::create_dir_all(&folder).and_then(|()| std::fs::write(&file, bytes)).is_ok()
+    {
         println!("{name}: {} {why}", file.display());
     }
 }
