@@ -26,7 +26,7 @@ fresh_copy() {
     cp "$root"/tests/tests/link_*.rs "$copy/work/tests/tests/"
     sed -i -E '/^pub mod /{/ (adversary|bench|world);/!d}' "$copy/work/tests/src/lib.rs"
     sed 's/members = .*/members = ["core", "tests"]/; /^weldpath = /d' "$root/Cargo.toml" > "$copy/work/Cargo.toml"
-    sed -E '/^weldpath( =|\.)/d' "$root/tests/Cargo.toml" > "$copy/work/tests/Cargo.toml"
+    sed -E '/^weldpath(-fuzz)?( =|\.)/d' "$root/tests/Cargo.toml" > "$copy/work/tests/Cargo.toml"
 }
 
 report() {
