@@ -182,7 +182,11 @@ impl Error {
 /// assert!(error.to_string().contains("INPUT is a folder with scan.json"));
 /// ```
 pub fn read(input: &Path, options: &Options) -> Result<Scan, Error> {
-    let mut scan = read_any(input, options)?;
+    thinned(read_any(input, options)?, input)
+}
+
+/// Without what places hold beyond their share, and within the memory that a plan may take.
+fn thinned(mut scan: Scan, input: &Path) -> Result<Scan, Error> {
     for view in &mut scan.views {
         if let Some(note) = repeated::thin(&mut view.points_mm, &mut view.normals) {
             scan.notes.push(format!("{}: {note}", view.name));
@@ -207,7 +211,7 @@ fn read_any(input: &Path, options: &Options) -> Result<Scan, Error> {
     if let Some(Format { reader: Reader::Manifest, .. }) = format::of(&bytes, input) {
         return manifest::read(input, options);
     }
-    read_bytes(bytes, input, options)
+    of_bytes(bytes, input, options)
 }
 
 /// Reads one cloud, mesh or depth image that is already in memory; `path` names it in messages and lends its extension.
@@ -225,6 +229,10 @@ fn read_any(input: &Path, options: &Options) -> Result<Scan, Error> {
 /// # Ok::<(), input::Error>(())
 /// ```
 pub fn read_bytes(bytes: Vec<u8>, path: &Path, options: &Options) -> Result<Scan, Error> {
+    thinned(of_bytes(bytes, path, options)?, path)
+}
+
+fn of_bytes(bytes: Vec<u8>, path: &Path, options: &Options) -> Result<Scan, Error> {
     let format = format_of(&bytes, path)?;
     match format.reader {
         Reader::Views { read, .. } => read(bytes, path, options),
