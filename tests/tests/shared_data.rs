@@ -20,7 +20,8 @@ fn every_test_that_reads_the_data_is_ignored_without_it() {
     let mut readers = 0;
     for entry in std::fs::read_dir(folder).expect("the tests") {
         let path = entry.expect("an entry").path();
-        if path.extension().is_none_or(|extension| extension != "rs") {
+        // This file names the call that it looks for, and reads no data.
+        if path.extension().is_none_or(|extension| extension != "rs") || path.ends_with("shared_data.rs") {
             continue;
         }
         let text = std::fs::read_to_string(&path).expect("a source");
