@@ -247,7 +247,7 @@ mod tests {
             let up = target.orientation * -Vector::y();
             assert!(math::norm(&(up - config.base_from_sensor * direction)) < 2e-6);
             assert_eq!(target.position_mm, START.position_mm);
-            let v = rotation::to_rotation_vector(&target.orientation);
+            let v = target.orientation.scaled_axis();
             assert!(
                 Arc::between(&rotation::from_rotation_vector(&v), &target.orientation).angle_rad() < 2e-6
             );

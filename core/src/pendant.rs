@@ -14,9 +14,9 @@ mod ring;
 use crate::interlock::{ArcTimes, ArcTimesMs, Event, Fault, Inputs, Interlock, Outputs, Refused, State};
 use crate::wire::frame::{self, Damage, Received};
 use crate::wire::{
-    self, Answer, Chunk, ChunkRefusal, ChunkRefused, Counters, FromHost, FromPendant, HandFrame, Hello,
-    HelloAck, HelloRefusal, HelloRefused, HostMessage, Jog, Limits, Patch, PendantMessage, Sample, Telemetry,
-    Unreadable, WirePose,
+    self, Answer, Chunk, ChunkRefusal, ChunkRefused, Counters, FromHost, FromPendant, Hello, HelloAck,
+    HelloRefusal, HelloRefused, HostMessage, Limits, PendantMessage, Sample, Telemetry, Unreadable,
+    WireHandFrame, WireJog, WirePatch, WirePose,
 };
 pub use drive::{ALPHA_ONE, set_point};
 use drive::{Drive, Machine};
@@ -169,11 +169,11 @@ pub enum Action {
 #[allow(clippy::large_enum_variant, reason = "no allocator to box with; one task is alive at a time")]
 pub enum Task {
     /// Start gestures anew from here: [`Answer::Done`].
-    Jog(Jog),
+    Jog(WireJog),
     /// Follow the hand: [`Answer::Pose`].
-    HandFrame(HandFrame),
+    HandFrame(WireHandFrame),
     /// Score the patch's first point: [`Answer::EdgeScore`].
-    Score(Patch),
+    Score(WirePatch),
 }
 
 /// What a tick asks of the shell.

@@ -13,7 +13,7 @@ use heapless::{Deque, Vec};
 use crate::interlock::Fault;
 use crate::wire::{
     self, Ack, Answer, Begin, ChunkRefused, Command, FromHost, FromPendant, Hello, HelloAck, HelloRefusal,
-    HostMessage, Limits, MAX_SAMPLES, PendantMessage, Refusal, Sample, Telemetry, Unreadable, Waypoint,
+    HostMessage, Limits, MAX_SAMPLES, PendantMessage, Refusal, Sample, Telemetry, Unreadable, WireWaypoint,
 };
 use rto::Rto;
 use upload::{Step, Upload};
@@ -216,7 +216,7 @@ impl Sender {
 
     /// Sends a path: Begin, chunks, Commit. [`Self::poll`] is then given the same waypoints. The chunk length is set
     /// here. False if a load is under way, no session is open, or `total` is not the length of the path.
-    pub fn load(&mut self, begin: Begin, path: &[Waypoint]) -> bool {
+    pub fn load(&mut self, begin: Begin, path: &[WireWaypoint]) -> bool {
         let begin = Begin { chunk: self.config.chunk, ..begin };
         let under_way = self.upload.as_ref().is_some_and(|upload| upload.step != Step::Loaded);
         let Some(digest) = wire::path_digest(path).filter(|_| path.len() as u64 == u64::from(begin.total))
@@ -344,7 +344,7 @@ impl Sender {
     }
 
     /// The next message to send now, if any. `path`: the waypoints given to [`Self::load`].
-    pub fn poll(&mut self, now_us: u64, path: &[Waypoint]) -> Option<FromHost> {
+    pub fn poll(&mut self, now_us: u64, path: &[WireWaypoint]) -> Option<FromHost> {
         match self.link {
             Link::Closed => None,
             Link::Opening { due_us, sends } => self.poll_hello(due_us, sends, now_us),
@@ -365,7 +365,7 @@ impl Sender {
         Some(FromHost { session: 0, message: HostMessage::Hello(hello) })
     }
 
-    fn poll_open(&mut self, now_us: u64, path: &[Waypoint]) -> Option<HostMessage> {
+    fn poll_open(&mut self, now_us: u64, path: &[WireWaypoint]) -> Option<HostMessage> {
         if now_us >= self.ping_due_us {
             self.ping_due_us = now_us + PING_US;
             let token = now_us as u32;
@@ -412,7 +412,7 @@ impl Sender {
         }
     }
 
-    fn poll_chunk(&mut self, now_us: u64, path: &[Waypoint]) -> Option<HostMessage> {
+    fn poll_chunk(&mut self, now_us: u64, path: &[WireWaypoint]) -> Option<HostMessage> {
         let upload = self.upload.as_mut()?;
         let (number, again) = upload.due(now_us, &self.chunk_rto, u32::from(self.config.window))?;
         let chunk = upload.chunk(number, path)?;

@@ -9,7 +9,7 @@ use crate::gesture::{
 use crate::path::TorchPose;
 use crate::pendant::Task;
 use crate::seam::{Ball, Patch, RatioThreshold};
-use crate::wire::{self, Answer, EdgeScore, Field, MAX_PATCH, Refusal, WirePose};
+use crate::wire::{self, Answer, Field, MAX_PATCH, Refusal, WireEdgeScore, WirePose};
 use crate::{Orientation, Point, Vector, gesture};
 
 /// Neighbours that a point of a wire patch can have.
@@ -52,7 +52,7 @@ impl Tasks {
     }
 
     /// Gestures start anew, from this camera pose and with this box.
-    fn start(&mut self, jog: &wire::Jog) -> Result<(), Refusal> {
+    fn start(&mut self, jog: &wire::WireJog) -> Result<(), Refusal> {
         let center_mm = Point::from(millimetres(jog.box_center_um));
         let edges_mm = Vector::from(jog.box_size_um.map(|um| um as f32 / 1000.0));
         let interaction_box =
@@ -68,7 +68,7 @@ impl Tasks {
     }
 
     /// The steering hand moves the camera, the right hand captures.
-    fn follow(&mut self, hands: &wire::HandFrame) -> Result<wire::CameraPose, Refusal> {
+    fn follow(&mut self, hands: &wire::WireHandFrame) -> Result<wire::WireCameraPose, Refusal> {
         let time_us = u64::from(hands.time_ms) * 1000;
         let right = hands.right.as_ref().and_then(|hand| seen(hand, time_us));
         let left = hands.left.as_ref().and_then(|hand| seen(hand, time_us));
@@ -80,7 +80,7 @@ impl Tasks {
         // Beyond the wire's 2 km; the camera's real limits are the robot's.
         let pose = WirePose::from_pose(&TorchPose { position_mm, orientation })
             .ok_or(Refusal::Value(Field::Reach))?;
-        Ok(wire::CameraPose { pose, region: number(jog.region), capture, clutch: jog.clutched })
+        Ok(wire::WireCameraPose { pose, region: number(jog.region), capture, clutch: jog.clutched })
     }
 }
 
@@ -108,7 +108,7 @@ fn seen(hand: &wire::Hand, time_us: u64) -> Option<gesture::HandFrame> {
 }
 
 /// Edge score of the patch's first point.
-fn score(patch: &wire::Patch, workspace: &mut Workspace) -> Result<EdgeScore, Refusal> {
+fn score(patch: &wire::WirePatch, workspace: &mut Workspace) -> Result<WireEdgeScore, Refusal> {
     let ball = Ball::new(patch.radius_um as f32 / 1000.0, Ball::LEAST).ok_or(Refusal::Value(Field::Size))?;
     let threshold =
         RatioThreshold::new(patch.threshold_milli as f32 / 1000.0).ok_or(Refusal::Value(Field::Size))?;
@@ -117,7 +117,7 @@ fn score(patch: &wire::Patch, workspace: &mut Workspace) -> Result<EdgeScore, Re
         return Err(Refusal::Value(Field::Count));
     }
     let score = workspace.score(0, threshold).ok_or(Refusal::Value(Field::Count))?;
-    Ok(EdgeScore {
+    Ok(WireEdgeScore {
         neighbours: workspace.neighbours(0) as u8,
         // Casts from float saturate.
         intensity_ppm: (score.intensity * 1e6) as u32,
@@ -134,7 +134,7 @@ fn millimetres(um: [i32; 3]) -> [f32; 3] {
 mod tests {
     extern crate std;
     use super::*;
-    use crate::wire::{Hand, HandFrame, Jog, Offset, Q15_ONE};
+    use crate::wire::{Hand, Offset, Q15_ONE, WireHandFrame, WireJog};
 
     static EMPTY: Workspace = Workspace::empty();
 
@@ -153,10 +153,10 @@ mod tests {
     fn jog(steer_right: bool) -> Task {
         let start = WirePose { position_um: [400_000, 0, 300_000], orientation_q15: [0, Q15_ONE, 0, 0] };
         let (box_center_um, box_size_um) = ([0, 200_000, 0], [100_000; 3]);
-        Task::Jog(Jog { start, box_center_um, box_size_um, steer_right })
+        Task::Jog(WireJog { start, box_center_um, box_size_um, steer_right })
     }
 
-    fn last_pose(steer_right: bool, hands: impl Fn(u32) -> HandFrame) -> wire::CameraPose {
+    fn last_pose(steer_right: bool, hands: impl Fn(u32) -> WireHandFrame) -> wire::WireCameraPose {
         let (mut tasks, mut workspace) = (Tasks::default(), EMPTY.clone());
         assert_eq!(tasks.perform(&jog(steer_right), &mut workspace), Answer::Done);
         let mut frame = |i| match tasks.perform(&Task::HandFrame(hands(i)), &mut workspace) {
@@ -168,7 +168,7 @@ mod tests {
 
     #[test]
     fn the_left_hand_steers_and_the_right_hand_captures() {
-        let frame = |i: u32| HandFrame {
+        let frame = |i: u32| WireHandFrame {
             time_ms: 10 * i,
             left: Some(hand([90_000, 200_000, 0])),
             right: (i == 5).then(|| hand([0; 3])),
@@ -176,7 +176,7 @@ mod tests {
         let pose = last_pose(false, frame);
         assert_eq!((pose.pose.position_um, pose.region), ([410_000, 0, 300_000], 2));
         assert_eq!(last_pose(true, frame).pose.position_um, [400_000, 0, 300_000], "the right hand is lost");
-        let held = |i: u32| HandFrame { time_ms: 5 * i, left: None, right: Some(hand([0; 3])) };
+        let held = |i: u32| WireHandFrame { time_ms: 5 * i, left: None, right: Some(hand([0; 3])) };
         assert!(last_pose(false, held).capture, "held for 50 ms in the eleventh frame");
     }
 
@@ -188,14 +188,15 @@ mod tests {
         };
         let points: heapless::Vec<_, MAX_PATCH> =
             core::iter::once(Offset { um: [0; 3] }).chain((0..63).map(offset)).collect();
-        let patch = wire::Patch { radius_um: 2200, threshold_milli: 53_000, points };
+        let patch = wire::WirePatch { radius_um: 2200, threshold_milli: 53_000, points };
         let (mut tasks, mut workspace) = (Tasks::default(), EMPTY.clone());
-        let mut ask = |patch: &wire::Patch| tasks.perform(&Task::Score(patch.clone()), &mut workspace);
+        let mut ask = |patch: &wire::WirePatch| tasks.perform(&Task::Score(patch.clone()), &mut workspace);
         let Answer::EdgeScore(score) = ask(&patch) else { panic!("no score") };
         assert!(score.intensity_ppm > 150_000 && score.neighbours > 10, "{score:?}");
-        let lone = wire::Patch { points: patch.points.iter().take(1).copied().collect(), ..patch.clone() };
+        let lone =
+            wire::WirePatch { points: patch.points.iter().take(1).copied().collect(), ..patch.clone() };
         assert_eq!(ask(&lone), Answer::Refused(Refusal::Value(Field::Count)));
-        let below = wire::Patch { threshold_milli: 27_000, ..patch };
+        let below = wire::WirePatch { threshold_milli: 27_000, ..patch };
         assert_eq!(ask(&below), Answer::Refused(Refusal::Value(Field::Size)));
     }
 }

@@ -10,12 +10,14 @@ mod pendant;
 pub mod pose;
 
 pub use frame::Unreadable;
-pub use host::{Begin, Chunk, Command, FromHost, Hand, HandFrame, Hello, HostMessage, Jog, Offset, Patch};
-pub use pendant::{
-    Ack, Answer, CameraPose, ChunkRefusal, ChunkRefused, Counters, EdgeScore, Field, FromPendant, HelloAck,
-    HelloRefusal, HelloRefused, Limits, PendantMessage, Refusal, Sample, Telemetry,
+pub use host::{
+    Begin, Chunk, Command, FromHost, Hand, Hello, HostMessage, Offset, WireHandFrame, WireJog, WirePatch,
 };
-pub use pose::{Q15_ONE, Waypoint, WirePose};
+pub use pendant::{
+    Ack, Answer, ChunkRefusal, ChunkRefused, Counters, Field, FromPendant, HelloAck, HelloRefusal,
+    HelloRefused, Limits, PendantMessage, Refusal, Sample, Telemetry, WireCameraPose, WireEdgeScore,
+};
+pub use pose::{Q15_ONE, WirePose, WireWaypoint};
 
 /// Protocol version; `Hello` carries it and a mismatch is refused with both numbers.
 pub const VERSION: u16 = 1;
@@ -44,8 +46,8 @@ pub fn empty_digest(total: u32) -> u32 {
     CRC.checksum(&total.to_le_bytes())
 }
 
-/// Digest of a path with one more waypoint: CRC-32 of (digest so far, [`Waypoint::to_bytes`]).
-pub fn extend_digest(digest: u32, waypoint: &Waypoint) -> u32 {
+/// Digest of a path with one more waypoint: CRC-32 of (digest so far, [`WireWaypoint::to_bytes`]).
+pub fn extend_digest(digest: u32, waypoint: &WireWaypoint) -> u32 {
     let mut next = CRC.digest();
     next.update(&digest.to_le_bytes());
     next.update(&waypoint.to_bytes());
@@ -53,7 +55,7 @@ pub fn extend_digest(digest: u32, waypoint: &Waypoint) -> u32 {
 }
 
 /// Digest of a whole path; `None` if it is too long for an index.
-pub fn path_digest(path: &[Waypoint]) -> Option<u32> {
+pub fn path_digest(path: &[WireWaypoint]) -> Option<u32> {
     let total = u32::try_from(path.len()).ok()?;
     Some(path.iter().fold(empty_digest(total), extend_digest))
 }

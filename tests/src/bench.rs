@@ -5,7 +5,7 @@ use weldpath_core::pendant::{self, Action, Panel, Pendant, Tick};
 use weldpath_core::wire::frame::{Received, encode};
 use weldpath_core::wire::{
     self, Answer, Chunk, Command, FromHost, FromPendant, Hello, HostDeframer, HostMessage, MAX_HOST_FRAME,
-    PendantMessage, Waypoint,
+    PendantMessage, WireWaypoint,
 };
 
 use crate::world::{self, RING};
@@ -97,14 +97,14 @@ impl Bench {
     }
 
     /// A chunk of a path that is sent in chunks of 4.
-    pub fn chunk(&mut self, path: u16, waypoints: &[Waypoint], number: usize) -> PendantMessage {
+    pub fn chunk(&mut self, path: u16, waypoints: &[WireWaypoint], number: usize) -> PendantMessage {
         let part = waypoints.chunks(4).nth(number).expect("the path has this chunk");
         let waypoints = heapless::Vec::from_slice(part).expect("4 at most");
         self.reply(HostMessage::Chunk(Chunk { path, first: 4 * number as u32, waypoints }))
     }
 
     /// Loads a stored path: Ready.
-    pub fn load(&mut self, path: u16, waypoints: &[Waypoint]) {
+    pub fn load(&mut self, path: u16, waypoints: &[WireWaypoint]) {
         assert_eq!(self.command(Command::Begin(world::begin(path, waypoints, false))), Answer::Done);
         for number in 0..waypoints.len().div_ceil(4) {
             let answer = self.chunk(path, waypoints, number);

@@ -8,7 +8,7 @@ use weldpath_core::sender::{self, Notice, Sender};
 use weldpath_core::wire::frame::{Received, decode, encode};
 use weldpath_core::wire::{
     Begin, Command, FromPendant, HostDeframer, MAX_HOST_FRAME, MAX_PENDANT_FRAME, PendantDeframer, Q15_ONE,
-    Telemetry, Waypoint, WirePose,
+    Telemetry, WirePose, WireWaypoint,
 };
 
 use crate::adversary::{Faults, Line, Random};
@@ -31,7 +31,7 @@ pub fn pendant(boot: u32) -> Pendant<RING> {
 }
 
 /// A path that winds through space, turns, welds in runs and changes its feed. Steps of 1 to 2 mm.
-pub fn winding_path(random: &mut Random, total: u32) -> Vec<Waypoint> {
+pub fn winding_path(random: &mut Random, total: u32) -> Vec<WireWaypoint> {
     let (mut position, mut heading) =
         ([0.4_f64, -0.2, 0.1].map(|m| m * 1e6), random.unit() * std::f64::consts::TAU);
     let (mut feed_um_s, mut weld) = (100_000, false);
@@ -53,13 +53,13 @@ pub fn winding_path(random: &mut Random, total: u32) -> Vec<Waypoint> {
         let half = 0.01 * f64::from(index % 300);
         let q15 = [half.cos(), 0.0, half.sin(), 0.0].map(|c| (c * f64::from(Q15_ONE)).round() as i16);
         let pose = WirePose { position_um: position.map(|um| um.round() as i32), orientation_q15: q15 };
-        waypoints.push(Waypoint { pose, feed_um_s, weld });
+        waypoints.push(WireWaypoint { pose, feed_um_s, weld });
     }
     waypoints
 }
 
 /// Begin of a path under the pendant's own limits.
-pub fn begin(path: u16, waypoints: &[Waypoint], streamed: bool) -> Begin {
+pub fn begin(path: u16, waypoints: &[WireWaypoint], streamed: bool) -> Begin {
     let limits = config();
     Begin {
         path,
@@ -143,7 +143,7 @@ pub struct World {
     events: Events,
     host_bytes: PendantDeframer,
     pendant_bytes: HostDeframer,
-    path: Vec<Waypoint>,
+    path: Vec<WireWaypoint>,
     path_id: u16,
     boots: u32,
     streams: bool,
@@ -413,7 +413,7 @@ impl World {
     }
 
     /// Loads a path.
-    pub fn load(&mut self, path: Vec<Waypoint>, streamed: bool) {
+    pub fn load(&mut self, path: Vec<WireWaypoint>, streamed: bool) {
         self.host.cancel_load();
         self.path_id = self.path_id.wrapping_add(1);
         self.streams = streamed;

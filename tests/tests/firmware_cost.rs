@@ -5,7 +5,7 @@ use std::fs;
 use std::path::Path;
 
 use object::{Object, ObjectSection, SectionFlags};
-use weldpath_core::wire::{Command, Offset, Patch};
+use weldpath_core::wire::{Command, Offset, WirePatch};
 use weldpath_tests::qemu::{Client, Clock, Machine, Seen, Wire, firmware};
 
 /// How far a figure may be from its baseline.
@@ -75,7 +75,7 @@ fn stack(program: &Path) -> u32 {
     let mut client = Client::new(machine.open_link().expect("opens"));
     client.connect(1).expect("a session");
     let points = (0..64).map(|k: i16| Offset { um: [k % 8 * 500, k / 8 * 500, k * 7 % 100] }).collect();
-    let score = Command::Score(Patch { radius_um: 2_000, threshold_milli: 53_000, points });
+    let score = Command::Score(WirePatch { radius_um: 2_000, threshold_milli: 53_000, points });
     for _ in 0..SCORES {
         client.ask(score.clone()).expect("a score");
     }

@@ -344,7 +344,7 @@ fn compressed_recordings_hold_the_same_hands_as_the_derived_tables() {
     for name in ["wave", "confidence-74fps", "rollAndPitchWithEntry", "HandSplay-110fps"] {
         let compressed = shared_data(&format!("{folder}/{name}.json.lz"));
         let table = shared_data(&format!("real/derived/leap/{name}.csv"));
-        let seen = |frames: Vec<wire::HandFrame>| -> Vec<_> {
+        let seen = |frames: Vec<wire::WireHandFrame>| -> Vec<_> {
             let hands = frames.into_iter().flat_map(|f| [f.left, f.right]);
             hands.flatten().map(|h| (h.palm_um.map(|um| (um + 50).div_euclid(100)), h.extended)).collect()
         };

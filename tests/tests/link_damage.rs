@@ -2,7 +2,8 @@
 
 use weldpath_core::wire::frame::{Received, encode};
 use weldpath_core::wire::{
-    Chunk, Command, FromHost, HostDeframer, HostMessage, MAX_CHUNK, MAX_HOST_FRAME, MAX_PATCH, Offset, Patch,
+    Chunk, Command, FromHost, HostDeframer, HostMessage, MAX_CHUNK, MAX_HOST_FRAME, MAX_PATCH, Offset,
+    WirePatch,
 };
 use weldpath_tests::adversary::Random;
 use weldpath_tests::world::winding_path;
@@ -55,7 +56,7 @@ fn largest_score() -> Sent {
     let mut random = Random::new(4);
     let points =
         (0..MAX_PATCH).map(|_| Offset { um: [0; 3].map(|_: i16| random.below(8_000) as i16 - 4_000) });
-    let patch = Patch { radius_um: 4_800, threshold_milli: 60_000, points: points.collect() };
+    let patch = WirePatch { radius_um: 4_800, threshold_milli: 60_000, points: points.collect() };
     Sent::new(HostMessage::Control { request: 7, command: Command::Score(patch) })
 }
 

@@ -3,23 +3,24 @@
 use weldpath_core::interlock::{Cause, Fault, State};
 use weldpath_core::pendant::{self, ALPHA_ONE, Action, Task};
 use weldpath_core::wire::{
-    self, Answer, CameraPose, Chunk, ChunkRefusal, Command, Field, FromHost, HandFrame, Hello, HelloRefusal,
-    HostMessage, Offset, Patch, PendantMessage, Q15_ONE, Refusal, Unreadable, Waypoint, WirePose,
+    self, Answer, Chunk, ChunkRefusal, Command, Field, FromHost, Hello, HelloRefusal, HostMessage, Offset,
+    PendantMessage, Q15_ONE, Refusal, Unreadable, WireCameraPose, WireHandFrame, WirePatch, WirePose,
+    WireWaypoint,
 };
 use weldpath_tests::adversary::{Faults, Random};
 use weldpath_tests::bench::{Bench, NONCE};
 use weldpath_tests::world::{self, Events, World, winding_path};
 
 /// A straight path along x, 1 mm steps, 50 mm/s.
-fn straight(total: u32, weld: bool) -> Vec<Waypoint> {
+fn straight(total: u32, weld: bool) -> Vec<WireWaypoint> {
     let at = |index: u32| {
         let position_um = [index as i32 * 1_000, 0, 200_000];
-        Waypoint { pose: WirePose { position_um, ..WirePose::IDENTITY }, feed_um_s: 50_000, weld }
+        WireWaypoint { pose: WirePose { position_um, ..WirePose::IDENTITY }, feed_um_s: 50_000, weld }
     };
     (0..total).map(at).collect()
 }
 
-fn running(waypoints: &[Waypoint]) -> Bench {
+fn running(waypoints: &[WireWaypoint]) -> Bench {
     let mut bench = Bench::enabled();
     bench.load(1, waypoints);
     assert_eq!(bench.command(Command::ArcArm { armed: true }), Answer::Done);
@@ -27,7 +28,7 @@ fn running(waypoints: &[Waypoint]) -> Bench {
     bench
 }
 
-fn held(waypoints: &[Waypoint]) -> Bench {
+fn held(waypoints: &[WireWaypoint]) -> Bench {
     let mut bench = running(waypoints);
     bench.lively_ticks(200);
     assert_eq!(bench.command(Command::Hold), Answer::Done);
@@ -201,7 +202,7 @@ fn a_second_host_waits_until_the_first_is_silent_and_the_torch_stands() {
 }
 
 /// A way to spoil a waypoint, and the refusal it deserves.
-type Spoiler = (fn(&mut Waypoint), ChunkRefusal);
+type Spoiler = (fn(&mut WireWaypoint), ChunkRefusal);
 
 const SPOILERS: [Spoiler; 9] = [
     (|w| w.pose.position_um[2] = 3_000_001, ChunkRefusal::Reach),
@@ -498,9 +499,9 @@ fn manual_mode_bounds_the_speed_whatever_the_path_says() {
 
 #[test]
 fn gestures_and_scores_are_answered_only_while_nothing_moves() {
-    let hands = HandFrame { time_ms: 0, left: None, right: None };
+    let hands = WireHandFrame { time_ms: 0, left: None, right: None };
     let points = heapless::Vec::from_slice(&[Offset { um: [0; 3] }]).expect("one");
-    let patch = Patch { radius_um: 4_000, threshold_milli: 60_000, points };
+    let patch = WirePatch { radius_um: 4_000, threshold_milli: 60_000, points };
     let mut bench = running(&straight(300, true));
     for command in [Command::HandFrame(hands), Command::Score(patch.clone())] {
         assert_eq!(bench.command(command), Answer::Refused(Refusal::Moving));
@@ -510,7 +511,8 @@ fn gestures_and_scores_are_answered_only_while_nothing_moves() {
     let message = HostMessage::Control { request, command: Command::HandFrame(hands) };
     assert_eq!(bench.say(message.clone()), Action::Perform { request, task: Task::HandFrame(hands) });
     assert_eq!(bench.say(message.clone()), Action::Idle, "under way: not computed twice");
-    let pose = Answer::Pose(CameraPose { pose: WirePose::IDENTITY, region: 0, capture: false, clutch: true });
+    let pose =
+        Answer::Pose(WireCameraPose { pose: WirePose::IDENTITY, region: 0, capture: false, clutch: true });
     assert!(matches!(bench.pendant.answer(request, pose), Action::Send(_)));
     assert_eq!(bench.reply(message), PendantMessage::Reply { request, answer: pose });
     assert_eq!(bench.pendant.answer(request, Answer::Done), Action::Idle, "answered once");

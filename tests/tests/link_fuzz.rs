@@ -48,40 +48,41 @@ fn hand(random: &mut Random) -> Hand {
     }
 }
 
-fn chunk(random: &mut Random, path: &[Waypoint], load: Option<Ack>) -> Chunk {
+fn chunk(random: &mut Random, path: &[WireWaypoint], load: Option<Ack>) -> Chunk {
     let ack = load.unwrap_or(Ack { path: number(random) as u16, next: 0, sack: 0, limit: 0 });
     let ahead = if random.chance(0.5) { 0 } else { 4 * random.below(20) as u32 };
     let first = if random.chance(0.8) { ack.next.wrapping_add(ahead) } else { number(random) };
     let from = (first as usize).min(path.len());
     let len = if random.chance(0.9) { 4 } else { random.below(9) as usize };
-    let mut waypoints: Bounded<Waypoint, MAX_CHUNK> = path[from..].iter().take(len).copied().collect();
+    let mut waypoints: Bounded<WireWaypoint, MAX_CHUNK> = path[from..].iter().take(len).copied().collect();
     if random.chance(0.002) {
         let at = random.below(8) as usize;
         if let Some(waypoint) = waypoints.get_mut(at) {
-            *waypoint = Waypoint { pose: pose(random), feed_um_s: number(random), weld: random.chance(0.5) };
+            *waypoint =
+                WireWaypoint { pose: pose(random), feed_um_s: number(random), weld: random.chance(0.5) };
         }
     }
     let path = if random.chance(0.95) { ack.path } else { number(random) as u16 };
     Chunk { path, first, waypoints }
 }
 
-fn command(random: &mut Random, seen: &Telemetry, path: &[Waypoint]) -> Command {
+fn command(random: &mut Random, seen: &Telemetry, path: &[WireWaypoint]) -> Command {
     let id = seen.load.map_or(number(random) as u16, |load| load.path);
     match random.below(16) {
         0 => Command::GetLimits,
         1 => Command::SetTool { tool: pose(random) },
-        2 => Command::SetJog(Jog {
+        2 => Command::SetJog(WireJog {
             start: pose(random),
             box_center_um: pose(random).position_um,
             box_size_um: [0; 3].map(|_: u32| number(random)),
             steer_right: random.chance(0.5),
         }),
-        3 => Command::HandFrame(HandFrame {
+        3 => Command::HandFrame(WireHandFrame {
             time_ms: number(random),
             left: random.chance(0.5).then(|| hand(random)),
             right: random.chance(0.5).then(|| hand(random)),
         }),
-        4 => Command::Score(Patch {
+        4 => Command::Score(WirePatch {
             radius_um: number(random),
             threshold_milli: number(random),
             points: (0..random.below(65)).map(|_| Offset { um: [0; 3].map(|_: i16| word(random)) }).collect(),
@@ -105,7 +106,7 @@ fn command(random: &mut Random, seen: &Telemetry, path: &[Waypoint]) -> Command 
 }
 
 /// What an honest host would say next: else the fuzzer would never get beyond loading.
-fn honest(seen: &Telemetry, path: &[Waypoint], fresh: u16) -> Command {
+fn honest(seen: &Telemetry, path: &[WireWaypoint], fresh: u16) -> Command {
     let id = seen.load.map_or(1, |load| load.path);
     match seen.state {
         State::Loading if seen.load.is_some_and(|load| load.next == path.len() as u32) => {
@@ -120,7 +121,7 @@ fn honest(seen: &Telemetry, path: &[Waypoint], fresh: u16) -> Command {
     }
 }
 
-fn odd_begin(random: &mut Random, path: &[Waypoint]) -> Command {
+fn odd_begin(random: &mut Random, path: &[WireWaypoint]) -> Command {
     let mut begin = begin(number(random) as u16, path, true);
     match random.below(12) {
         0 => begin.total = number(random),
@@ -134,7 +135,7 @@ fn odd_begin(random: &mut Random, path: &[Waypoint]) -> Command {
     Command::Begin(begin)
 }
 
-fn message(random: &mut Random, bench: &mut Bench, path: &[Waypoint]) -> FromHost {
+fn message(random: &mut Random, bench: &mut Bench, path: &[WireWaypoint]) -> FromHost {
     let seen = bench.pendant.telemetry();
     let session = if random.chance(0.99) { bench.session } else { number(random) };
     let message = match random.below(20) {

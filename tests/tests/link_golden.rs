@@ -23,9 +23,13 @@ fn pose() -> WirePose {
     WirePose { position_um: [123_456, -7, 2_000_000], orientation_q15: [23_170, 0, -23_170, 0] }
 }
 
-fn waypoint(index: i32) -> Waypoint {
+fn waypoint(index: i32) -> WireWaypoint {
     let position_um = [1_000 * index, -500, 250_000];
-    Waypoint { pose: WirePose { position_um, ..WirePose::IDENTITY }, feed_um_s: 10_000, weld: index % 2 == 1 }
+    WireWaypoint {
+        pose: WirePose { position_um, ..WirePose::IDENTITY },
+        feed_um_s: 10_000,
+        weld: index % 2 == 1,
+    }
 }
 
 /// Spelled out, for golden bytes do not follow a default.
@@ -61,7 +65,7 @@ fn ack() -> Ack {
 }
 
 fn commands() -> Vec<(&'static str, Command)> {
-    let jog = Jog {
+    let jog = WireJog {
         start: pose(),
         box_center_um: [0, 200_000, 0],
         box_size_um: [100_000, 100_000, 80_000],
@@ -77,7 +81,7 @@ fn commands() -> Vec<(&'static str, Command)> {
         min_half_turn_cos_q15: 32_000,
     };
     let points = [[0, 0, 0], [1_200, -1_200, 30]].map(|um| Offset { um });
-    let patch = Patch {
+    let patch = WirePatch {
         radius_um: 4_800,
         threshold_milli: 60_000,
         points: Bounded::from_slice(&points).expect("two points"),
@@ -86,7 +90,7 @@ fn commands() -> Vec<(&'static str, Command)> {
         ("get-limits", Command::GetLimits),
         ("set-tool", Command::SetTool { tool: pose() }),
         ("set-jog", Command::SetJog(jog)),
-        ("hand-frame", Command::HandFrame(HandFrame { time_ms: 1_234, left: Some(hand()), right: None })),
+        ("hand-frame", Command::HandFrame(WireHandFrame { time_ms: 1_234, left: Some(hand()), right: None })),
         ("score", Command::Score(patch)),
         ("begin", Command::Begin(begin)),
         ("commit", Command::Commit { path: 3, digest: 0x89AB_CDEF }),
@@ -142,10 +146,10 @@ fn answers() -> Vec<(&'static str, Answer)> {
         ("refused-not-resumable", refused(Refusal::NotResumable(Cause::ArcLost))),
         ("refused-value", refused(Refusal::Value(Field::Back))),
         ("limits", Answer::Limits(limits())),
-        ("pose", Answer::Pose(CameraPose { pose: pose(), region: 2, capture: true, clutch: false })),
+        ("pose", Answer::Pose(WireCameraPose { pose: pose(), region: 2, capture: true, clutch: false })),
         (
             "edge-score",
-            Answer::EdgeScore(EdgeScore {
+            Answer::EdgeScore(WireEdgeScore {
                 neighbours: 32,
                 intensity_ppm: 213_000,
                 ratio_milli: 41_250,
@@ -298,11 +302,11 @@ fn the_protocol_document_shows_the_golden_bytes() {
 fn the_largest_messages_fit_their_buffers_exactly() {
     let position_um = [i32::MIN; 3];
     let pose = WirePose { position_um, orientation_q15: [i16::MIN; 4] };
-    let waypoints =
-        Bounded::from_slice(&[Waypoint { pose, feed_um_s: u32::MAX, weld: true }; MAX_CHUNK]).expect("full");
+    let waypoints = Bounded::from_slice(&[WireWaypoint { pose, feed_um_s: u32::MAX, weld: true }; MAX_CHUNK])
+        .expect("full");
     let chunk = HostMessage::Chunk(Chunk { path: u16::MAX, first: u32::MAX, waypoints });
     let points = Bounded::from_slice(&[Offset { um: [-1; 3] }; MAX_PATCH]).expect("full");
-    let score = Command::Score(Patch { radius_um: u32::MAX, threshold_milli: u32::MAX, points });
+    let score = Command::Score(WirePatch { radius_um: u32::MAX, threshold_milli: u32::MAX, points });
     let score = HostMessage::Control { request: u16::MAX, command: score };
     let host =
         [chunk, score].map(|message| payload_of(&frame_of(&FromHost { session: u32::MAX, message })).len());

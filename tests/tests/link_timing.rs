@@ -3,7 +3,7 @@
 
 use weldpath_core::interlock::{Cause, State};
 use weldpath_core::pendant::ALPHA_ONE;
-use weldpath_core::wire::{Waypoint, WirePose};
+use weldpath_core::wire::{WirePose, WireWaypoint};
 use weldpath_tests::adversary::Faults;
 use weldpath_tests::world::{Events, TICK_US, World, config};
 
@@ -12,10 +12,14 @@ const STEP_UM: f64 = 2_000.0;
 /// 200 ms and one tick.
 const LIMIT_TICKS: u32 = 200_000 / TICK_US as u32 + 1;
 
-fn straight(total: u32) -> Vec<Waypoint> {
+fn straight(total: u32) -> Vec<WireWaypoint> {
     let at = |index: u32| {
         let position_um = [index as i32 * STEP_UM as i32, 0, 200_000];
-        Waypoint { pose: WirePose { position_um, ..WirePose::IDENTITY }, feed_um_s: FEED_UM_S, weld: true }
+        WireWaypoint {
+            pose: WirePose { position_um, ..WirePose::IDENTITY },
+            feed_um_s: FEED_UM_S,
+            weld: true,
+        }
     };
     (0..total).map(at).collect()
 }

@@ -12,8 +12,8 @@ use weldpath_core::interlock::{Cause, State};
 use weldpath_core::pendant::{Config, set_point};
 use weldpath_core::sender::Notice;
 use weldpath_core::wire::{
-    self, Answer, Begin, Command, FromHost, Hand, HandFrame, Hello, HelloRefusal, HostMessage, Jog, Offset,
-    Patch, Q15_ONE, Sample, Telemetry, Waypoint, WirePose, frame,
+    self, Answer, Begin, Command, FromHost, Hand, Hello, HelloRefusal, HostMessage, Offset, Q15_ONE, Sample,
+    Telemetry, WireHandFrame, WireJog, WirePatch, WirePose, WireWaypoint, frame,
 };
 use weldpath_tests::adversary::Random;
 use weldpath_tests::qemu::{Client, Inputs, Machine, PATIENCE, Panel, Seen, Wire, firmware};
@@ -44,7 +44,7 @@ fn acknowledge(client: &mut Client, panel: &Panel, others: Inputs) -> io::Result
 }
 
 /// Part of a circle, the torch turning with it: 2 mm steps at 50 mm/s, welded from the fifth to the fifth last.
-fn curve(total: usize) -> Vec<Waypoint> {
+fn curve(total: usize) -> Vec<WireWaypoint> {
     let waypoint = |k: usize| {
         let angle = k as f64 * 0.02;
         let position_um =
@@ -52,12 +52,12 @@ fn curve(total: usize) -> Vec<Waypoint> {
         let half = 0.5 * angle;
         let q15 = [half.cos(), 0.0, 0.0, half.sin()].map(|c| (c * f64::from(Q15_ONE)).round() as i16);
         let pose = WirePose { position_um, orientation_q15: q15 };
-        Waypoint { pose, feed_um_s: 50_000, weld: (5..total - 5).contains(&k) }
+        WireWaypoint { pose, feed_um_s: 50_000, weld: (5..total - 5).contains(&k) }
     };
     (0..total).map(waypoint).collect()
 }
 
-fn begin(path: u16, waypoints: &[Waypoint]) -> Begin {
+fn begin(path: u16, waypoints: &[WireWaypoint]) -> Begin {
     Begin {
         path,
         total: waypoints.len() as u32,
@@ -70,11 +70,16 @@ fn begin(path: u16, waypoints: &[Waypoint]) -> Begin {
 }
 
 /// Loads the path, grips the enabling switch, arms and starts.
-fn start(client: &mut Client, panel: &Panel, path: &[Waypoint]) -> io::Result<()> {
+fn start(client: &mut Client, panel: &Panel, path: &[WireWaypoint]) -> io::Result<()> {
     start_announced(client, panel, begin(7, path), path)
 }
 
-fn start_announced(client: &mut Client, panel: &Panel, begin: Begin, path: &[Waypoint]) -> io::Result<()> {
+fn start_announced(
+    client: &mut Client,
+    panel: &Panel,
+    begin: Begin,
+    path: &[WireWaypoint],
+) -> io::Result<()> {
     acknowledge(client, panel, RELEASED)?;
     client.load(begin, path)?;
     panel.set(GRIPPED)?;
@@ -85,7 +90,7 @@ fn start_announced(client: &mut Client, panel: &Panel, begin: Begin, path: &[Way
     Ok(())
 }
 
-fn assert_on_path(samples: &[Sample], path: &[Waypoint]) {
+fn assert_on_path(samples: &[Sample], path: &[WireWaypoint]) {
     for sample in samples {
         let segment = sample.segment as usize;
         let to = path.get(segment + 1).unwrap_or(&path[segment]);
@@ -274,7 +279,8 @@ fn gestures_make_the_same_camera_poses_on_pendant_and_host() {
     let Some((_machine, _panel, mut client)) = connected(Wire::Socket, 0.0) else { return };
     let mut random = Random::new(3);
     let start = WirePose { position_um: [400_000, 0, 300_000], orientation_q15: [0, Q15_ONE, 0, 0] };
-    let jog = Jog { start, box_center_um: [0, 200_000, 0], box_size_um: [100_000; 3], steer_right: false };
+    let jog =
+        WireJog { start, box_center_um: [0, 200_000, 0], box_size_um: [100_000; 3], steer_right: false };
     let mut palm = [0.0, 200.0, 0.0];
     let frames = (0..300).map(|k: u32| {
         palm = palm.map(|mm: f64| mm + 20.0 * (random.unit() - 0.5));
@@ -292,7 +298,7 @@ fn gestures_make_the_same_camera_poses_on_pendant_and_host() {
             extended: 31,
         };
         let left = (k % 60 != 59).then_some(hand);
-        Command::HandFrame(HandFrame { time_ms: k * 9, left, right: Some(hand) })
+        Command::HandFrame(WireHandFrame { time_ms: k * 9, left, right: Some(hand) })
     });
     assert_eq!(assert_agree(&mut client, std::iter::once(Command::SetJog(jog)).chain(frames)), 301);
 }
@@ -309,7 +315,7 @@ fn edge_scores_are_the_same_on_pendant_and_host() {
             Offset { um: [x, y, z].map(|mm| (mm * 1000.0) as i16) }
         };
         let points = std::iter::once(Offset { um: [0; 3] }).chain((0..63).map(|_| point())).collect();
-        Command::Score(Patch { radius_um: 2_000 + 100 * k as u32, threshold_milli: 53_000, points })
+        Command::Score(WirePatch { radius_um: 2_000 + 100 * k as u32, threshold_milli: 53_000, points })
     });
     assert_eq!(assert_agree(&mut client, patches), 40);
     panel.send(b'?').unwrap();

@@ -5,7 +5,8 @@ use super::ring::{Ring, Slots};
 use super::{Action, Pendant, Requests, Task};
 use crate::interlock::{Event, Refused, State};
 use crate::wire::{
-    Answer, Begin, Command, Field, Hand, HandFrame, Jog, MAX_CHUNK, Patch, PendantMessage, Refusal, WirePose,
+    Answer, Begin, Command, Field, Hand, MAX_CHUNK, PendantMessage, Refusal, WireHandFrame, WireJog,
+    WirePatch, WirePose,
 };
 
 impl<const RING: usize, S: Slots> Pendant<RING, S> {
@@ -156,12 +157,12 @@ fn checked_pose(pose: WirePose) -> Result<WirePose, Refusal> {
     if pose.is_unit() { Ok(pose) } else { Err(Refusal::Value(Field::Orientation)) }
 }
 
-fn checked_jog(jog: Jog) -> Result<Jog, Refusal> {
+fn checked_jog(jog: WireJog) -> Result<WireJog, Refusal> {
     checked_pose(jog.start)?;
     if jog.box_size_um.contains(&0) { Err(Refusal::Value(Field::Size)) } else { Ok(jog) }
 }
 
-fn checked_hands(hands: HandFrame) -> Result<HandFrame, Refusal> {
+fn checked_hands(hands: WireHandFrame) -> Result<WireHandFrame, Refusal> {
     let sound = |hand: &Hand| hand.grab_permille <= 1000 && hand.pinch_permille <= 1000 && hand.extended < 32;
     if [&hands.left, &hands.right].into_iter().flatten().all(sound) {
         Ok(hands)
@@ -170,7 +171,7 @@ fn checked_hands(hands: HandFrame) -> Result<HandFrame, Refusal> {
     }
 }
 
-fn checked_patch(patch: Patch) -> Result<Patch, Refusal> {
+fn checked_patch(patch: WirePatch) -> Result<WirePatch, Refusal> {
     if patch.radius_um == 0 {
         return Err(Refusal::Value(Field::Size));
     }

@@ -7,7 +7,9 @@ use core::borrow::BorrowMut;
 use core::num::NonZeroU32;
 
 use crate::math;
-use crate::wire::{self, Ack, Begin, Chunk, ChunkRefusal, Limits, Q15_ONE, SACK_CHUNKS, Waypoint, WirePose};
+use crate::wire::{
+    self, Ack, Begin, Chunk, ChunkRefusal, Limits, Q15_ONE, SACK_CHUNKS, WirePose, WireWaypoint,
+};
 
 /// A turn of 1 rad counts as this much path, so that a torch turning on the spot takes its time.
 const TURN_LEVER_UM: f32 = 10_000.0;
@@ -22,7 +24,7 @@ impl<S: BorrowMut<[Slot]>> Slots for S {}
 /// A waypoint with what the drive needs to know of it.
 #[derive(Debug, Clone, Copy)]
 pub struct Slot {
-    pub(super) waypoint: Waypoint,
+    pub(super) waypoint: WireWaypoint,
     /// Length of the segment that ends here.
     pub(super) approach_um: f32,
     /// Square of the speed at which the torch may pass here, with all that was received in view.
@@ -36,7 +38,7 @@ pub struct Slot {
 impl Slot {
     /// No waypoint. All zeros, so that a static array of them takes no flash.
     pub const EMPTY: Self = Self {
-        waypoint: Waypoint {
+        waypoint: WireWaypoint {
             pose: WirePose { position_um: [0; 3], orientation_q15: [0; 4] },
             feed_um_s: 0,
             weld: false,
@@ -265,11 +267,11 @@ impl<const N: usize, S: Slots> Ring<N, S> {
             || first.checked_sub(u32::from(self.begin.chunk)).is_some_and(|chunk| self.is_stored(chunk))
     }
 
-    fn raw(&self, index: u32) -> Option<&Waypoint> {
+    fn raw(&self, index: u32) -> Option<&WireWaypoint> {
         self.slots.borrow().get(index as usize % N).map(|slot| &slot.waypoint)
     }
 
-    fn check_alone(&self, waypoint: &Waypoint, limits: &Limits) -> Result<(), ChunkRefusal> {
+    fn check_alone(&self, waypoint: &WireWaypoint, limits: &Limits) -> Result<(), ChunkRefusal> {
         let [x, y, z] = waypoint.pose.position_um.map(i128::from);
         let reach = i128::from(self.begin.reach_um);
         if x * x + y * y + z * z > reach * reach {
@@ -394,7 +396,7 @@ mod tests {
     use crate::pendant::Config;
 
     fn chunk(first: u32, place: impl Fn(u32) -> [i32; 3]) -> Chunk {
-        let waypoints = (first..first + 4).map(|index| Waypoint {
+        let waypoints = (first..first + 4).map(|index| WireWaypoint {
             pose: WirePose { position_um: place(index), ..WirePose::IDENTITY },
             feed_um_s: 200_000,
             weld: false,

@@ -3,7 +3,7 @@
 use heapless::Vec;
 
 use super::rto::Rto;
-use crate::wire::{Ack, Begin, Chunk, MAX_CHUNK, SACK_CHUNKS, Waypoint};
+use crate::wire::{Ack, Begin, Chunk, MAX_CHUNK, SACK_CHUNKS, WireWaypoint};
 
 /// Chunks remembered as under way: more than the window, a power of two.
 const FLIGHTS: usize = 32;
@@ -146,11 +146,11 @@ impl Upload {
     }
 
     /// The waypoints of a chunk.
-    pub(super) fn chunk(&self, number: u32, path: &[Waypoint]) -> Option<Chunk> {
+    pub(super) fn chunk(&self, number: u32, path: &[WireWaypoint]) -> Option<Chunk> {
         let first = number.checked_mul(self.grid())?;
         let from = usize::try_from(first).ok()?;
         let to = from.checked_add(self.grid() as usize)?.min(path.len());
-        let waypoints = Vec::<Waypoint, MAX_CHUNK>::from_slice(path.get(from..to)?).ok()?;
+        let waypoints = Vec::<WireWaypoint, MAX_CHUNK>::from_slice(path.get(from..to)?).ok()?;
         Some(Chunk { path: self.begin.path, first, waypoints })
     }
 }

@@ -3,7 +3,7 @@
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
-use super::{MAX_CHUNK, MAX_PATCH, Waypoint, WirePose};
+use super::{MAX_CHUNK, MAX_PATCH, WirePose, WireWaypoint};
 
 /// Host to pendant. `session` is what `HelloAck` gave; a Hello ignores it.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -64,7 +64,7 @@ pub struct Chunk {
     /// Index of the first waypoint: a multiple of the path's chunk length.
     pub first: u32,
     /// As many as the path's chunk length; the last chunk of a path may be shorter.
-    pub waypoints: Vec<Waypoint, MAX_CHUNK>,
+    pub waypoints: Vec<WireWaypoint, MAX_CHUNK>,
 }
 
 /// Executed at most once per request number, answered by [`super::Answer`].
@@ -80,11 +80,11 @@ pub enum Command {
         tool: WirePose,
     },
     /// Where gestures start from and how they are read.
-    SetJog(Jog),
+    SetJog(WireJog),
     /// A hand frame, answered by a camera pose. Only while nothing moves.
-    HandFrame(HandFrame),
+    HandFrame(WireHandFrame),
     /// Asks for the edge score of a patch's first point. Only while nothing moves.
-    Score(Patch),
+    Score(WirePatch),
     /// Opens a path.
     Begin(Begin),
     /// Closes a path: all waypoints are there and their digest is this.
@@ -154,7 +154,7 @@ pub struct Begin {
 /// Interaction box and start pose of gesture-guided scanning (paper II-B).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Jog {
+pub struct WireJog {
     /// `base_from_camera` where the camera is.
     pub start: WirePose,
     /// Centre of the interaction box, sensor frame, µm.
@@ -168,7 +168,7 @@ pub struct Jog {
 /// What the hand sensor saw at one instant, sensor frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct HandFrame {
+pub struct WireHandFrame {
     /// Sensor time, ms.
     pub time_ms: u32,
     /// Left hand, if seen.
@@ -202,7 +202,7 @@ pub struct Hand {
 /// A point with its bounded neighbourhood (paper II-E), for an edge score.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Patch {
+pub struct WirePatch {
     /// Ball radius of eq. (11), µm.
     pub radius_um: u32,
     /// Threshold of eq. (16), thousandths.

@@ -144,9 +144,9 @@ pub enum Answer {
     /// To GetLimits.
     Limits(Limits),
     /// To HandFrame.
-    Pose(CameraPose),
+    Pose(WireCameraPose),
     /// To Score.
-    EdgeScore(EdgeScore),
+    EdgeScore(WireEdgeScore),
 }
 
 /// Why a command was not executed.
@@ -214,7 +214,7 @@ pub enum Field {
 /// A camera pose out of a hand frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct CameraPose {
+pub struct WireCameraPose {
     /// `base_from_camera`.
     pub pose: WirePose,
     /// Region of Alg. 1, 0 = centre.
@@ -228,7 +228,7 @@ pub struct CameraPose {
 /// Edge score of a point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct EdgeScore {
+pub struct WireEdgeScore {
     /// Neighbours used.
     pub neighbours: u8,
     /// Intensity, eq. (12), parts per million.

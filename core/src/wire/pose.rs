@@ -26,7 +26,7 @@ pub struct WirePose {
 /// A torch pose with what the welder does from here to the next one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Waypoint {
+pub struct WireWaypoint {
     /// Torch tip, `base_from_torch`.
     pub pose: WirePose,
     /// Speed of the tip on the segment that begins here, µm/s.
@@ -91,7 +91,7 @@ impl WirePose {
     }
 }
 
-impl Waypoint {
+impl WireWaypoint {
     /// Bytes of [`Self::to_bytes`].
     pub const BYTES: usize = 25;
 

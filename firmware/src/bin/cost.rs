@@ -17,7 +17,7 @@ use weldpath_core::tasks::{MAX_NEIGHBOURS, Workspace};
 use weldpath_core::wire::frame;
 use weldpath_core::wire::{
     self, Begin, Chunk, Command, FromHost, Hello, HostDeframer, HostMessage, MAX_CHUNK, MAX_HOST_FRAME,
-    MAX_PATCH, Waypoint, WirePose,
+    MAX_PATCH, WirePose, WireWaypoint,
 };
 use weldpath_core::{Orientation, Point, Vector, rotation};
 use weldpath_firmware::board::Stopwatch;
@@ -165,15 +165,15 @@ fn begin() -> Begin {
     }
 }
 
-fn waypoint(k: u32) -> Waypoint {
+fn waypoint(k: u32) -> WireWaypoint {
     let position_um = [400_000 + 2_000 * k as i32, 1_000, 200_000];
     let pose = WirePose { position_um, orientation_q15: [32_767, 0, 0, 8 * k as i16] };
-    Waypoint { pose, feed_um_s: 50_000, weld: false }
+    WireWaypoint { pose, feed_um_s: 50_000, weld: false }
 }
 
 #[inline(never)]
 fn digest() -> u32 {
-    let path: [Waypoint; TOTAL as usize] = core::array::from_fn(|k| waypoint(k as u32));
+    let path: [WireWaypoint; TOTAL as usize] = core::array::from_fn(|k| waypoint(k as u32));
     wire::path_digest(&path).unwrap_or_default()
 }
 

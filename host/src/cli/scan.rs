@@ -10,7 +10,7 @@ use weldpath::lab::simulation::{Noise, Part, Request};
 use weldpath::pendant::teleop;
 use weldpath::pendant::teleop::{REGIONS, Session, Setup, generator, recording};
 use weldpath::run::job::quantity::Place;
-use weldpath_core::wire::HandFrame;
+use weldpath_core::wire::WireHandFrame;
 
 use super::folder::{Folder, FolderArgs};
 use super::port::{PortOrSim, lost};
@@ -128,7 +128,7 @@ fn scan(args: &Args, request: &Request, setup: &Setup) -> Result<(), Failure> {
 }
 
 fn play(
-    frames: &[HandFrame],
+    frames: &[WireHandFrame],
     setup: &Setup,
     link: &weldpath::pendant::link::Link,
     quiet: bool,

@@ -7,7 +7,7 @@ use weldpath::input;
 use weldpath::pendant::link::refusal_words;
 use weldpath::pendant::teleop::Twin;
 use weldpath::run::job::quantity::{Place, RatioThreshold};
-use weldpath_core::wire::{Answer, Command, EdgeScore, MAX_PATCH, Offset, Patch};
+use weldpath_core::wire::{Answer, Command, MAX_PATCH, Offset, WireEdgeScore, WirePatch};
 
 use super::port::{PortOrSim, lost};
 use super::{Exit, Failure, print};
@@ -80,7 +80,7 @@ fn nearest(args: &Args) -> Result<Vec<Point3<f64>>, Failure> {
 }
 
 /// The point and its nearest neighbours, at most as many as the wire carries.
-fn patch(args: &Args, point: Point3<f64>, near: &[Point3<f64>]) -> Result<Patch, Failure> {
+fn patch(args: &Args, point: Point3<f64>, near: &[Point3<f64>]) -> Result<WirePatch, Failure> {
     let mut offsets: Vec<Vector3<f64>> = near.iter().map(|other| other - point).collect();
     offsets.retain(|offset| offset.amax() < FARTHEST_MM);
     offsets.sort_by(|a, b| a.norm_squared().total_cmp(&b.norm_squared()));
@@ -91,7 +91,7 @@ fn patch(args: &Args, point: Point3<f64>, near: &[Point3<f64>]) -> Result<Patch,
     let points = offsets.iter().map(|offset| Offset { um: offset.map(|mm| um(mm) as i16).into() }).collect();
     let threshold = args.t.unwrap_or_default().get();
     let patch =
-        Patch { radius_um: um(radius_mm) as u32, threshold_milli: (threshold * 1000.0) as u32, points };
+        WirePatch { radius_um: um(radius_mm) as u32, threshold_milli: (threshold * 1000.0) as u32, points };
     if patch.radius_um == 0 || patch.points.len() < 4 {
         return Err(Failure::new(Exit::Input, "too few points within 32 mm of that place")
             .hint("`weldpath plan` prints where the seams are; check the cloud's units"));
@@ -110,7 +110,7 @@ fn row(point: Point3<f64>, pendant: &Answer, host: &Answer) -> String {
     let place = format!("{:9.3} {:9.3} {:9.3}", point.x, point.y, point.z);
     let same = if pendant == host { "same" } else { "DIFFER" };
     match pendant {
-        Answer::EdgeScore(EdgeScore { neighbours, intensity_ppm, ratio_milli, edge }) => format!(
+        Answer::EdgeScore(WireEdgeScore { neighbours, intensity_ppm, ratio_milli, edge }) => format!(
             "{place} {neighbours:>4} {:>9.6} {:>9} {:>5} {same:>6}\n",
             f64::from(*intensity_ppm) * 1e-6,
             if *ratio_milli == u32::MAX {

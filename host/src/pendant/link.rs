@@ -20,7 +20,7 @@ use weldpath_core::sender::{self, Notice, Sender};
 use weldpath_core::wire::frame::{self, Received};
 use weldpath_core::wire::{
     Ack, Answer, Begin, ChunkRefused, Command, FromPendant, HelloAck, HelloRefusal, MAX_HOST_FRAME,
-    PendantDeframer, Refusal, Sample, Telemetry, Waypoint,
+    PendantDeframer, Refusal, Sample, Telemetry, WireWaypoint,
 };
 
 use crate::pendant::serial::Line;
@@ -105,7 +105,7 @@ enum Input {
     Bytes(Vec<u8>),
     Failed(String),
     Ask(Command, Channel<Answer>),
-    Load(Begin, Vec<Waypoint>),
+    Load(Begin, Vec<WireWaypoint>),
     Close,
 }
 
@@ -168,7 +168,7 @@ impl Link {
     }
 
     /// Sends a path; [`Event::Loaded`] or a refusal follows.
-    pub fn load(&self, begin: Begin, path: Vec<Waypoint>) -> Result<(), Error> {
+    pub fn load(&self, begin: Begin, path: Vec<WireWaypoint>) -> Result<(), Error> {
         self.inputs.send(Input::Load(begin, path)).map_err(|_| Error::SessionLost)
     }
 
@@ -251,7 +251,7 @@ struct Driver {
     bytes: Box<PendantDeframer>,
     begin: Instant,
     heard: Option<Instant>,
-    path: Vec<Waypoint>,
+    path: Vec<WireWaypoint>,
     waiting: HashMap<u16, Channel<Answer>>,
     tell: Channel<Told>,
 }

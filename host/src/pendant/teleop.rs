@@ -14,7 +14,7 @@ use weldpath_core::path::interpolation::position_between;
 use weldpath_core::pendant::Task;
 use weldpath_core::rotation::Arc;
 use weldpath_core::tasks::{Tasks, Workspace};
-use weldpath_core::wire::{Answer, CameraPose, Command, Hand, HandFrame, Jog, Refusal, WirePose};
+use weldpath_core::wire::{Answer, Command, Hand, Refusal, WireCameraPose, WireHandFrame, WireJog, WirePose};
 use weldpath_core::{Orientation, Point};
 
 /// The camera moves no faster, whatever comes over the line, mm/s.
@@ -85,11 +85,11 @@ pub enum Error<E: std::error::Error + 'static> {
 
 impl Setup {
     /// As the pendant takes it.
-    pub fn jog(&self) -> Option<Jog> {
+    pub fn jog(&self) -> Option<WireJog> {
         let um = |mm: f64| (mm.abs() < 1e6).then_some((mm * 1000.0).round() as i32);
         let [x, y, z] = self.box_center_mm.map(um);
         let edge_um = u32::try_from(um(self.box_mm)?).ok().filter(|&um| um > 0)?;
-        Some(Jog {
+        Some(WireJog {
             start: wire_pose(&self.base_from_camera)?,
             box_center_um: [x?, y?, z?],
             box_size_um: [edge_um; 3],
@@ -100,7 +100,7 @@ impl Setup {
 
 /// Plays hand frames to a pendant, as fast as it answers; `ask` carries a command there and its answer back.
 pub fn play<E: std::error::Error + 'static>(
-    frames: &[HandFrame],
+    frames: &[WireHandFrame],
     setup: &Setup,
     mut ask: impl FnMut(Command) -> Result<Answer, E>,
 ) -> Result<Session, Error<E>> {
@@ -135,12 +135,12 @@ pub fn play<E: std::error::Error + 'static>(
     Ok(session)
 }
 
-fn steering(frame: &HandFrame, right: bool) -> Option<&Hand> {
+fn steering(frame: &WireHandFrame, right: bool) -> Option<&Hand> {
     if right { frame.right.as_ref() } else { frame.left.as_ref() }
 }
 
 impl Session {
-    fn count(&mut self, hand: Option<&Hand>, pose: &CameraPose, took: Duration) {
+    fn count(&mut self, hand: Option<&Hand>, pose: &WireCameraPose, took: Duration) {
         self.frames += 1;
         match (hand, self.latency.get_mut(usize::from(pose.region))) {
             (None, _) => self.lost += 1,
@@ -182,7 +182,7 @@ pub struct Twin {
 
 impl Twin {
     /// Gestures from this start.
-    pub fn new(jog: &Jog) -> Self {
+    pub fn new(jog: &WireJog) -> Self {
         let mut twin = Self::default();
         // A refusal here is a refusal there, which is what counts.
         let _ = twin.tasks.perform(&Task::Jog(*jog), &mut twin.workspace);
@@ -190,12 +190,12 @@ impl Twin {
     }
 
     /// The answer to a frame.
-    pub fn answer(&mut self, frame: &HandFrame) -> Answer {
+    pub fn answer(&mut self, frame: &WireHandFrame) -> Answer {
         self.tasks.perform(&Task::HandFrame(*frame), &mut self.workspace)
     }
 
     /// The answer to a neighbourhood.
-    pub fn score(&mut self, patch: &weldpath_core::wire::Patch) -> Answer {
+    pub fn score(&mut self, patch: &weldpath_core::wire::WirePatch) -> Answer {
         self.tasks.perform(&Task::Score(patch.clone()), &mut self.workspace)
     }
 }

@@ -8,7 +8,7 @@ use weldpath_core::sender::{self, Notice, Sender};
 use weldpath_core::wire::frame::{self, Received};
 use weldpath_core::wire::{
     Answer, Command, FromPendant, HelloRefusal, HelloRefused, MAX_HOST_FRAME, PendantDeframer,
-    PendantMessage, Sample, Telemetry, Waypoint,
+    PendantMessage, Sample, Telemetry, WireWaypoint,
 };
 
 use super::PATIENCE;
@@ -22,7 +22,7 @@ pub struct Client {
     bytes: PendantDeframer,
     begin: Instant,
     damage: Option<(Random, f64)>,
-    path: Vec<Waypoint>,
+    path: Vec<WireWaypoint>,
     /// Latest state.
     pub telemetry: Option<Telemetry>,
     /// Executed set-points so far.
@@ -71,7 +71,7 @@ impl Client {
     }
 
     /// Sends a whole path.
-    pub fn load(&mut self, begin: weldpath_core::wire::Begin, path: &[Waypoint]) -> io::Result<()> {
+    pub fn load(&mut self, begin: weldpath_core::wire::Begin, path: &[WireWaypoint]) -> io::Result<()> {
         self.path = path.to_vec();
         assert!(self.sender.load(begin, path), "no load is under way");
         self.wait_for("the load", |_, notice| match notice {

@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Point3, UnitQuaternion};
 use weldpath_core::path::TorchPose;
-use weldpath_core::wire::{Begin, Limits, Q15_ONE, Waypoint, WirePose};
+use weldpath_core::wire::{Begin, Limits, Q15_ONE, WirePose, WireWaypoint};
 use weldpath_core::{Orientation, Point};
 
 use crate::weld::program;
@@ -30,7 +30,7 @@ const STOP_S: f64 = 0.05;
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Upload {
     /// What the pendant gets.
-    pub waypoints: Vec<Waypoint>,
+    pub waypoints: Vec<WireWaypoint>,
     /// For each of them the waypoint of the program at whose move it stands, counted from 0.
     pub origin: Vec<usize>,
 }
@@ -85,7 +85,7 @@ pub fn upload(program: &[program::Waypoint], limits: &Limits) -> Result<Upload, 
             // The reach is convex: between two waypoints, the one ahead is the one too far.
             let guilty = if share > 0.0 { index + 1 } else { index };
             let pose = within_reach(&between(&program[index], to, share), guilty, limits)?;
-            upload.push(Waypoint { pose, feed_um_s, weld: segment.weld }, index, limits);
+            upload.push(WireWaypoint { pose, feed_um_s, weld: segment.weld }, index, limits);
             stands.add(upload.waypoints.len() - 1, stand_s);
         }
     }
@@ -138,11 +138,11 @@ fn measure_um(a: &WirePose, b: &WirePose) -> f64 {
 }
 
 impl Upload {
-    fn push(&mut self, waypoint: Waypoint, index: usize, limits: &Limits) {
+    fn push(&mut self, waypoint: WireWaypoint, index: usize, limits: &Limits) {
         match self.waypoints.last_mut() {
             Some(last) if is_too_short(&last.pose, &waypoint.pose, limits) => {
                 // The pose stays; what is done from here on is what the later waypoint says.
-                *last = Waypoint { pose: last.pose, ..waypoint };
+                *last = WireWaypoint { pose: last.pose, ..waypoint };
                 if let Some(origin) = self.origin.last_mut() {
                     *origin = index;
                 }

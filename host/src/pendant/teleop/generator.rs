@@ -5,7 +5,7 @@
 
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use weldpath_core::gesture::Config;
-use weldpath_core::wire::{Answer, Hand, HandFrame, Q15_ONE};
+use weldpath_core::wire::{Answer, Hand, Q15_ONE, WireHandFrame};
 
 use super::{Setup, Twin, isometry};
 
@@ -26,11 +26,11 @@ struct Hands {
     setup: Setup,
     camera: Isometry3<f64>,
     attitude: UnitQuaternion<f64>,
-    frames: Vec<HandFrame>,
+    frames: Vec<WireHandFrame>,
 }
 
 /// The recording that captures at each of the poses; none if one of them cannot be reached.
-pub fn recording(setup: &Setup, captures: &[Isometry3<f64>]) -> Option<Vec<HandFrame>> {
+pub fn recording(setup: &Setup, captures: &[Isometry3<f64>]) -> Option<Vec<WireHandFrame>> {
     let mut hands = Hands {
         config: Config::default(),
         twin: Twin::new(&setup.jog()?),
@@ -161,7 +161,7 @@ impl Hands {
     fn frame(&mut self, left: Option<Hand>, ok: bool) -> Option<()> {
         let open = Hand { palm_um: [150_000, 200_000, 50_000], ..self.hand(Vector3::zeros(), 0.0) };
         let right = if ok { Hand { pinch_permille: 950, extended: OK, ..open } } else { open };
-        let frame = HandFrame { time_ms: FRAME_MS * self.frames.len() as u32, left, right: Some(right) };
+        let frame = WireHandFrame { time_ms: FRAME_MS * self.frames.len() as u32, left, right: Some(right) };
         let Answer::Pose(pose) = self.twin.answer(&frame) else { return None };
         self.camera = isometry(&pose.pose)?;
         self.frames.push(frame);

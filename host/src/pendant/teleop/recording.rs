@@ -8,7 +8,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
-use weldpath_core::wire::{Hand, HandFrame, Q15_ONE};
+use weldpath_core::wire::{Hand, Q15_ONE, WireHandFrame};
 
 /// Columns that a CSV must have, in any order; others are left aside.
 pub const CSV_COLUMNS: &str = "timestamp_us,is_right,palm_x_mm,palm_y_mm,palm_z_mm,direction_x,direction_y,\
@@ -104,7 +104,7 @@ struct Seen {
 }
 
 /// Reads a recording; its frames count from 0 ms.
-pub fn read(path: &Path) -> Result<Vec<HandFrame>, Error> {
+pub fn read(path: &Path) -> Result<Vec<WireHandFrame>, Error> {
     let failed = |why: String| Error { path: path.into(), why };
     let text = text(path).map_err(failed)?;
     let frames = parse(&text).map_err(failed)?;
@@ -113,14 +113,15 @@ pub fn read(path: &Path) -> Result<Vec<HandFrame>, Error> {
 }
 
 /// Several recordings one after the other; between them the hands are away for a second.
-pub fn join(recordings: impl IntoIterator<Item = Vec<HandFrame>>) -> Vec<HandFrame> {
-    let mut joined: Vec<HandFrame> = Vec::new();
+pub fn join(recordings: impl IntoIterator<Item = Vec<WireHandFrame>>) -> Vec<WireHandFrame> {
+    let mut joined: Vec<WireHandFrame> = Vec::new();
     for recording in recordings {
         let start_ms = joined.last().map_or(0, |last| last.time_ms.saturating_add(PAUSE_MS));
         if start_ms > 0 {
-            joined.push(HandFrame { time_ms: start_ms - PAUSE_MS / 2, left: None, right: None });
+            joined.push(WireHandFrame { time_ms: start_ms - PAUSE_MS / 2, left: None, right: None });
         }
-        let later = |frame: HandFrame| HandFrame { time_ms: frame.time_ms.saturating_add(start_ms), ..frame };
+        let later =
+            |frame: WireHandFrame| WireHandFrame { time_ms: frame.time_ms.saturating_add(start_ms), ..frame };
         joined.extend(recording.into_iter().map(later));
     }
     joined
@@ -221,7 +222,7 @@ fn hand_of(row: Row) -> Seen {
 }
 
 /// Times from 0, in order; hands in the wire's integers.
-fn timed(frames: Vec<(f64, Vec<Seen>)>) -> Result<Vec<HandFrame>, String> {
+fn timed(frames: Vec<(f64, Vec<Seen>)>) -> Result<Vec<WireHandFrame>, String> {
     let start_us = frames.first().map_or(0.0, |(at, _)| *at);
     let mut before_us = start_us;
     let mut timed = Vec::with_capacity(frames.len());
@@ -231,7 +232,7 @@ fn timed(frames: Vec<(f64, Vec<Seen>)>) -> Result<Vec<HandFrame>, String> {
             return Err(format!("frame {index} (counted from 0): its time does not follow the frame before"));
         }
         before_us = time_us;
-        let mut frame = HandFrame { time_ms: ms.round() as u32, left: None, right: None };
+        let mut frame = WireHandFrame { time_ms: ms.round() as u32, left: None, right: None };
         for hand in &hands {
             let wire = wire_hand(hand).map_err(|why| format!("frame {index} (counted from 0): {why}"))?;
             let side = if hand.is_right { &mut frame.right } else { &mut frame.left };
@@ -269,7 +270,7 @@ fn wire_hand(seen: &Seen) -> Result<Hand, &'static str> {
 }
 
 /// Hand frames as CSV, with a comment that says whence they are.
-pub fn to_csv(frames: &[HandFrame], origin: &str) -> String {
+pub fn to_csv(frames: &[WireHandFrame], origin: &str) -> String {
     let mut text = format!("# {origin}\n{CSV_COLUMNS},confidence\n");
     for frame in frames {
         let hands = [(0, &frame.left), (1, &frame.right)];
@@ -308,8 +309,8 @@ mod tests {
         }
     }
 
-    fn frames() -> Vec<HandFrame> {
-        let frame = |k: u32| HandFrame {
+    fn frames() -> Vec<WireHandFrame> {
+        let frame = |k: u32| WireHandFrame {
             time_ms: 10 * k,
             left: (k != 3).then(|| hand(k as i32)),
             right: Some(hand(-(k as i32))),
