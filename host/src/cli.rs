@@ -1,6 +1,7 @@
 //! Command line: subcommands, exit codes, and how a failure is told.
 
 mod completions;
+mod doctor;
 mod evaluate;
 mod folder;
 mod help;
@@ -51,6 +52,7 @@ enum Command {
     Pendant(pendant::Args),
     Scan(scan::Args),
     Score(score::Args),
+    Doctor(doctor::Args),
     Completions(completions::Args),
     Schema(schema::Args),
 }
@@ -94,6 +96,7 @@ fn run(command: &Command) -> Result<(), Failure> {
         Command::Pendant(args) => pendant::run(args),
         Command::Scan(args) => scan::run(args),
         Command::Score(args) => score::run(args),
+        Command::Doctor(args) => doctor::run(args),
         Command::Completions(args) => completions::run(args),
         Command::Schema(args) => schema::run(args),
     }

@@ -189,3 +189,36 @@ fn names_of_robot_languages_and_ids_said_twice_are_refused_with_their_line() {
         .unwrap();
     assert!(said(&twice).contains("--seam 2 is given twice"), "{}", said(&twice));
 }
+
+#[test]
+fn the_doctor_names_what_is_there_and_what_is_missing_and_tries_a_plan() {
+    let said = |path: Option<&Path>| {
+        let mut command = weldpath();
+        command.arg("doctor");
+        if let Some(path) = path {
+            command.env("PATH", path);
+        }
+        let output = command.output().unwrap();
+        assert!(output.status.success(), "{}", said(&output));
+        String::from_utf8(output.stdout).unwrap()
+    };
+    let nowhere = tempfile::tempdir().unwrap();
+    let bare = said(Some(nowhere.path()));
+    let row = |text: &str, name: &str| {
+        text.lines()
+            .find(|line| line.starts_with(name))
+            .unwrap_or_else(|| panic!("no {name} in {text}"))
+            .to_owned()
+    };
+    assert!(row(&bare, "QEMU").contains("apt-get install qemu-system-arm"), "{bare}");
+    assert!(row(&bare, "browser").contains("none found"), "{bare}");
+    for (name, part) in
+        [("weldpath", env!("CARGO_PKG_VERSION")), ("readers", "PLY"), ("machine", "threads"), ("ports", "")]
+    {
+        assert!(row(&bare, name).contains(part), "{bare}");
+    }
+    assert!(row(&bare, "trial").contains("mm off its truth"), "{bare}");
+
+    std::fs::write(nowhere.path().join("firefox"), "").unwrap();
+    assert!(row(&said(Some(nowhere.path())), "browser").contains("firefox"));
+}

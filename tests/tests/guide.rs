@@ -6,7 +6,7 @@ use std::process::Command;
 
 use weldpath_tests::command::weldpath;
 
-const SUBCOMMANDS: [&str; 11] = [
+const SUBCOMMANDS: [&str; 12] = [
     "plan",
     "simulate",
     "refit",
@@ -18,6 +18,7 @@ const SUBCOMMANDS: [&str; 11] = [
     "scan",
     "score",
     "completions",
+    "doctor",
 ];
 
 /// Pages for users, beside README.md.
