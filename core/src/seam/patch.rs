@@ -13,15 +13,15 @@ use heapless::Vec;
 /// use weldpath_core::seam::{Ball, Patch, RatioThreshold};
 ///
 /// // Two faces that meet at right angles in the line y = 0, z = 0.
-/// let corner = (0..64).map(|k| {
+/// let corner = (0..96).map(|k| {
 ///     let (x, v) = ((k % 8) as f32, (k / 16) as f32 + 0.5);
 ///     if k / 8 % 2 == 0 { Point::new(x, v, 0.0) } else { Point::new(x, 0.0, v) }
 /// });
-/// let mut patch = Patch::<64, 32>::empty();
+/// let mut patch = Patch::<96, 32>::empty();
 /// let ball = Ball::new(2.2, Ball::LEAST).expect("a radius above zero");
 /// assert!(patch.load(corner, &ball));
 /// let t = RatioThreshold::new(53.0).expect("above 27");
-/// let [beside, amid] = [4, 36].map(|k| patch.score(k, t).expect("in range").intensity);
+/// let [beside, amid] = [4, 52].map(|k| patch.score(k, t).expect("in range").intensity);
 /// assert!(beside > 2.0 * amid);
 /// ```
 #[derive(Debug, Clone, Default)]

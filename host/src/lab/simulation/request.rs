@@ -274,7 +274,7 @@ impl Request {
 
     pub(super) fn check(&self) -> Result<(), Error> {
         let (part, views) = (self.part, self.views.unwrap_or(1));
-        within("views", views as f64, 1.0, 99.0)?;
+        within("views", views as f64, 1.0, 200.0)?;
         within("width", f64::from(self.width), 16.0, 4096.0)?;
         within("height", f64::from(self.height), 16.0, 4096.0)?;
         let refuse = |setting, choices| Err(Error::NotForPart { part: part.name(), setting, choices });

@@ -23,12 +23,17 @@ const REPEATED_PAIRS: f32 = 4.0;
 const COARSE_STEP: usize = 4;
 /// Of the sampled patches, one in so many is asked for the fitness.
 const FITNESS_STEP: usize = 4;
+/// Every sampled patch is matched in at most about so many other views: the own noise of a patch is the same to all of
+/// them, so that more of them tell little that is new, and all of them would cost the square of the number of views.
+const MOST_PARTNERS: usize = 12;
 /// A view's patches nearer than this to another view's, in aligned distances, overlap it.
 const OVERLAP: f32 = 4.0;
 
 pub(super) struct RegistrationProblem {
     sources: Vec<SourceView>,
     ties: Vec<Tie>,
+    /// Of each view, of every [`FITNESS_STEP`]th sampled patch.
+    nearby: Vec<Vec<Nearby>>,
     reported: Vec<Isometry3<f64>>,
     poses: Vec<Isometry3<f64>>,
     centre_mm: Point3<f64>,
@@ -38,23 +43,36 @@ pub(super) struct RegistrationProblem {
 struct Tie {
     i: usize,
     j: usize,
+    /// Of the sampled patches of `i`, which lie in the order of their directions, every `step`th from `first` on is
+    /// matched in `j`; other views take the others.
+    first: usize,
+    step: usize,
     matches: Vec<Match>,
-    /// The nearest patches whatever their normal, of every [`FITNESS_STEP`]th sampled patch.
-    nearest: Vec<Match>,
     pairs: Vec<PatchPair>,
 }
 
 impl Tie {
     fn new(i: usize, j: usize, sources: &[SourceView]) -> Self {
         let count = sources[i].sample.len();
+        let step = (sources.len() - 1).div_ceil(MOST_PARTNERS);
+        let first = (i + j) % step;
         Self {
             i,
             j,
-            matches: vec![Match::NEW; count],
-            nearest: vec![Match::NEW; count.div_ceil(FITNESS_STEP)],
+            first,
+            step,
+            matches: vec![Match::NEW; count.saturating_sub(first).div_ceil(step)],
             pairs: Vec::new(),
         }
     }
+}
+
+/// What lies near one patch of a view in any other view, whatever its normal.
+#[derive(Clone, Copy)]
+struct Nearby {
+    /// The view that had it near at last; it is asked first.
+    view: usize,
+    partner: Match,
 }
 
 /// Fitness of each view after each step, and overlap at the last.
@@ -96,7 +114,12 @@ impl RegistrationProblem {
         let views = 0..sources.len();
         let combos = views.clone().flat_map(|i| views.clone().filter(move |&j| j != i).map(move |j| (i, j)));
         let ties = combos.map(|(i, j)| Tie::new(i, j, &sources)).collect();
-        Self { sources, ties, poses: reported.clone(), reported, centre_mm }
+        let nearby = sources.iter().enumerate().map(|(i, source)| {
+            let first = Nearby { view: usize::from(i == 0), partner: Match::NEW };
+            vec![first; source.sample.len().div_ceil(FITNESS_STEP)]
+        });
+        let nearby = nearby.collect();
+        Self { sources, ties, nearby, poses: reported.clone(), reported, centre_mm }
     }
 
     /// The poses that minimise the distances along the normals, eq. (2), gate by gate.
@@ -204,17 +227,11 @@ impl RegistrationProblem {
 
     /// Appends each view's fitness at the poses as they are, and sets its overlap.
     fn look(&mut self, seen: &mut FitnessLog, config: &ReconstructionConfig) {
-        let reach = OVERLAP * config.fitness_mm;
-        let (sources, poses) = (&self.sources, &self.poses);
-        let squared: Vec<Vec<f32>> =
-            self.ties.par_iter_mut().map(|tie| tie.nearest_squared(sources, poses, reach)).collect();
-        for i in 0..self.sources.len() {
-            let own = || self.ties.iter().zip(&squared).filter(|(tie, _)| tie.i == i);
-            let count = own().next().map_or(0, |(_, d2)| d2.len());
-            let nearest = |k| own().map(|(_, d2)| d2[k]).fold(f32::INFINITY, f32::min);
-            let of: Vec<f32> = (0..count).map(nearest).filter(|d2| d2.is_finite()).collect();
-            seen.fitness[i].push(fitness(&of, config.fitness_mm));
-            seen.overlap[i] = of.len() as f64 / count.max(1) as f64;
+        let near = NearnessSearch { sources: &self.sources, poses: &self.poses, near_mm: config.fitness_mm };
+        let of_views = self.nearby.par_iter_mut().enumerate().map(|(i, nearby)| near.shares(i, nearby));
+        for (i, [fitness, overlap]) in of_views.collect::<Vec<_>>().into_iter().enumerate() {
+            seen.fitness[i].push(fitness);
+            seen.overlap[i] = overlap;
         }
     }
 
@@ -232,7 +249,8 @@ impl RegistrationProblem {
 }
 
 impl Tie {
-    /// Finds the pairs of every `thin`th sampled patch anew.
+    /// Finds the pairs of every `thin`th of the patches that this tie matches anew. The patches left to other views are not
+    /// made up for by weight: each counts as often as with few views.
     fn pair(
         &mut self,
         sources: &[SourceView],
@@ -245,7 +263,8 @@ impl Tie {
         let motion = SingleMotion::new(&(poses[self.j].inverse() * poses[self.i]));
         let centre = poses[self.j].inverse_transform_point(centre_mm).cast::<f32>();
         self.pairs.clear();
-        for (sample, partner) in source.sample.iter().zip(&mut self.matches).step_by(thin) {
+        let own = source.sample.iter().skip(self.first).step_by(self.step);
+        for (sample, partner) in own.zip(&mut self.matches).step_by(thin) {
             let (q, facing) = (motion.apply(&sample.point), motion.turn * sample.normal);
             let same_side = |s: usize| target.surfaces[s].normal.dot(&facing) > MIN_NORMAL_DOT;
             let Some((slot, hit)) = partner.find(&target.grid, &q, gate_mm, same_side) else { continue };
@@ -271,19 +290,55 @@ impl Tie {
         self.pairs.iter().for_each(|pair| block.add(pair, scale));
         block.turned(&poses[self.j].rotation)
     }
+}
 
-    /// Squared distances to the nearest patches of `j`; infinite beyond `reach`.
-    fn nearest_squared(&mut self, sources: &[SourceView], poses: &[Isometry3<f64>], reach: f32) -> Vec<f32> {
-        let (source, target) = (&sources[self.i], &sources[self.j]);
-        let motion = SingleMotion::new(&(poses[self.j].inverse() * poses[self.i]));
-        let asked = source.sample.iter().step_by(FITNESS_STEP);
-        asked
-            .zip(&mut self.nearest)
-            .map(|(sample, partner)| {
-                let q = motion.apply(&sample.point);
-                let found = partner.find(&target.grid, &q, reach, |_| true);
-                found.map_or(f32::INFINITY, |(_, hit)| (q - hit).norm_squared())
-            })
-            .collect()
+/// Asks the other views for what is near to a view's patches.
+struct NearnessSearch<'a> {
+    sources: &'a [SourceView],
+    poses: &'a [Isometry3<f64>],
+    near_mm: f32,
+}
+
+impl NearnessSearch<'_> {
+    /// Fitness and overlap of view `i`.
+    fn shares(&self, i: usize, nearby: &mut [Nearby]) -> [f64; 2] {
+        let motion = |j: usize| SingleMotion::new(&(self.poses[j].inverse() * self.poses[i]));
+        let motions: Vec<SingleMotion> = (0..self.sources.len()).map(motion).collect();
+        let asked = self.sources[i].sample.iter().step_by(FITNESS_STEP);
+        let squared = asked
+            .zip(nearby.iter_mut())
+            .filter_map(|(sample, nearby)| self.squared(i, &motions, &sample.point, nearby));
+        let squared: Vec<f32> = squared.collect();
+        [fitness(&squared, self.near_mm), squared.len() as f64 / nearby.len().max(1) as f64]
+    }
+
+    /// Squared distance to the nearest patch of another view, mm², or to one of those that are aligned; none beyond reach.
+    ///
+    /// The view that was near at last is asked first, the others only where it is not aligned any more.
+    fn squared(
+        &self,
+        i: usize,
+        motions: &[SingleMotion],
+        point: &Point3<f32>,
+        nearby: &mut Nearby,
+    ) -> Option<f32> {
+        let ask = |view: usize, partner: &mut Match| {
+            let q = motions[view].apply(point);
+            let found = partner.find(&self.sources[view].grid, &q, OVERLAP * self.near_mm, |_| true);
+            found.map_or(f32::INFINITY, |(_, hit)| (q - hit).norm_squared())
+        };
+        let last = nearby.view;
+        let mut best = if last < motions.len() { ask(last, &mut nearby.partner) } else { f32::INFINITY };
+        for view in (0..motions.len()).filter(|view| *view != i && *view != last) {
+            if best < self.near_mm * self.near_mm {
+                break;
+            }
+            let mut partner = Match::NEW;
+            let squared = ask(view, &mut partner);
+            if squared < best {
+                (best, *nearby) = (squared, Nearby { view, partner });
+            }
+        }
+        best.is_finite().then_some(best)
     }
 }
