@@ -242,6 +242,29 @@ const PLACE_ON_SEAM_2: &str = "(() => {
     return [box.left + on.x, box.top + on.y, box.right - 4, box.top + 0.5 * box.height];
 })()";
 
+/// Of the pipe's foot and rim, where it is in the window beyond the canvas, px; positive where the picture cuts it off.
+const CUT_OFF: &str = "(() => {
+    const { scene, content } = weldpath;
+    const Vector3 = scene.camera.position.constructor;
+    const canvas = document.getElementById('canvas').getBoundingClientRect();
+    const beyond = [];
+    for (const z of [0, 80]) for (let k = 0; k < 16; k++) {
+        const turn = k * Math.PI / 8;
+        const on = scene.project(new Vector3(20 * Math.cos(turn), 20 * Math.sin(turn), z));
+        beyond.push(-on.x, -on.y, on.x - canvas.width, on.y - canvas.height);
+    }
+    return Math.max(...beyond);
+})()";
+
+#[test]
+fn the_first_view_cuts_nothing_of_the_work_off() {
+    let Some(chromium) = browser::chromium() else { return };
+    let [page, _] = report(&plan(30_000), "");
+    let mut browser = Browser::open(&chromium, &page);
+    let beyond_px = browser.evaluate(CUT_OFF);
+    assert!(beyond_px.as_f64().is_some_and(|px| px < 0.0), "{beyond_px} px beyond the picture");
+}
+
 #[test]
 fn a_browser_shows_300_000_points_and_slider_clicks_and_keys_work() {
     let Some(chromium) = browser::chromium() else { return };

@@ -5,7 +5,7 @@
 
 use super::correspondence::Match;
 use super::source::{PatchSurface, SourceView};
-use super::system::{Block, PatchPair, System};
+use super::system::{Block, PatchPair, Solution, System};
 use super::{ReconstructionConfig, Registration, fitness};
 use crate::geometry::cloud::View;
 use crate::geometry::statistics::robust_deviation;
@@ -25,7 +25,7 @@ const COARSE_STEP: usize = 4;
 const FITNESS_STEP: usize = 4;
 /// Every sampled patch is matched in at most about so many other views: the own noise of a patch is the same to all of
 /// them, so that more of them tell little that is new, and all of them would cost the square of the number of views.
-const MOST_PARTNERS: usize = 12;
+const MOST_PARTNERS: usize = 8;
 /// A view's patches nearer than this to another view's, in aligned distances, overlap it.
 const OVERLAP: f32 = 4.0;
 
@@ -81,6 +81,17 @@ struct FitnessLog {
     overlap: Vec<f64>,
 }
 
+/// What one linear step did.
+#[derive(Default)]
+struct Step {
+    /// The largest motion of a view.
+    largest_mm: f64,
+    /// Scale of the residuals before it.
+    residual_mm: f64,
+    /// None where the system could not be solved and nothing was moved.
+    solution: Option<Solution>,
+}
+
 /// A rigid motion in single precision.
 struct SingleMotion {
     turn: Rotation3<f32>,
@@ -126,11 +137,10 @@ impl RegistrationProblem {
     pub(super) fn solve(mut self, config: &ReconstructionConfig) -> Registration {
         let views = self.sources.len();
         let mut seen = FitnessLog { fitness: vec![vec![]; views], overlap: vec![0.0; views] };
-        let mut covariance = DMatrix::zeros(6 * (views - 1), 6 * (views - 1));
-        let mut residual_mm = 0.0;
+        let mut reached = Step::default();
         self.look(&mut seen, config);
         if views < 2 {
-            return self.finish(seen, covariance, residual_mm);
+            return self.finish(seen, &reached);
         }
         for (round, &gate_mm) in config.gates_mm.iter().enumerate() {
             if round > 0 && gate_mm > config.gates_mm[round - 1] {
@@ -139,37 +149,35 @@ impl RegistrationProblem {
             let last = round + 1 == config.gates_mm.len();
             let thin = if last { 1 } else { COARSE_STEP };
             for _ in 0..config.iterations {
-                let (step, cov, scale) = self.iterate(gate_mm, thin, config);
-                covariance = cov;
-                residual_mm = scale;
+                reached = self.iterate(gate_mm, thin, config);
                 self.look(&mut seen, config);
-                let fine = if last { 0.002 } else { 0.05 };
-                if step < fine {
+                let fine_mm = if last { 0.002 } else { 0.05 };
+                if reached.largest_mm < fine_mm {
                     break;
                 }
             }
         }
-        self.finish(seen, covariance, residual_mm)
+        self.finish(seen, &reached)
     }
 
-    fn finish(self, seen: FitnessLog, covariance: DMatrix<f64>, residual_mm: f64) -> Registration {
+    fn finish(self, seen: FitnessLog, reached: &Step) -> Registration {
+        let unknowns = 6 * (self.sources.len() - 1);
+        let covariance = reached
+            .solution
+            .as_ref()
+            .map_or_else(|| DMatrix::zeros(unknowns, unknowns), Solution::covariance);
         Registration {
             base_from_camera: self.poses,
             fitness: seen.fitness,
             overlap: seen.overlap,
             covariance,
             centre_mm: self.centre_mm,
-            residual_mm,
+            residual_mm: reached.residual_mm,
         }
     }
 
-    /// One linear step of all views, eq. (6): the largest motion of a view, mm, the covariance, the residual scale.
-    fn iterate(
-        &mut self,
-        gate_mm: f32,
-        thin: usize,
-        config: &ReconstructionConfig,
-    ) -> (f64, DMatrix<f64>, f64) {
+    /// One linear step of all views, eq. (6).
+    fn iterate(&mut self, gate_mm: f32, thin: usize, config: &ReconstructionConfig) -> Step {
         let views = self.sources.len();
         let (sources, poses, centre_mm) = (&self.sources, &self.poses, &self.centre_mm);
         self.ties.par_iter_mut().for_each(|tie| tie.pair(sources, poses, centre_mm, gate_mm, thin));
@@ -183,17 +191,17 @@ impl RegistrationProblem {
             system.add(tie.i, tie.j, block);
         }
         let priors: Vec<_> = (1..views).map(|view| self.prior(view, config)).collect();
-        let Some((x, covariance)) = system.solve(&priors) else {
-            return (0.0, DMatrix::zeros(6 * (views - 1), 6 * (views - 1)), scale);
+        let Some(solution) = system.solve(&priors) else {
+            return Step { residual_mm: scale, ..Step::default() };
         };
-        let mut largest = 0.0f64;
+        let mut largest_mm = 0.0f64;
         for view in 1..views {
-            let step = x.fixed_rows::<6>(6 * (view - 1)).into_owned();
+            let step = solution.x.fixed_rows::<6>(6 * (view - 1)).into_owned();
             self.poses[view] = self.moved(&step) * self.poses[view];
-            largest =
-                largest.max(step.fixed_rows::<3>(3).norm() + spread_mm * step.fixed_rows::<3>(0).norm());
+            largest_mm =
+                largest_mm.max(step.fixed_rows::<3>(3).norm() + spread_mm * step.fixed_rows::<3>(0).norm());
         }
-        (largest, covariance, scale)
+        Step { largest_mm, residual_mm: scale, solution: Some(solution) }
     }
 
     /// A small motion about the centre as a full rotation and a translation, eq. (3).

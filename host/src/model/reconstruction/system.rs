@@ -1,7 +1,7 @@
 //! The joint linear system of all views and what of its solution is believed.
 
 use crate::geometry::point_to_plane;
-use nalgebra::{DMatrix, DVector, Matrix6, UnitQuaternion, Vector3, Vector6};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix6, UnitQuaternion, Vector3, Vector6};
 
 /// Share of information, of a motion that every pair sees in full, below which a motion counts as unseen.
 const UNSEEN: f64 = 1e-4;
@@ -86,16 +86,13 @@ impl System {
         }
     }
 
-    /// The increments of all views, eq. (8), and their covariance.
+    /// The increments of all views, eq. (8), and what their covariance comes from.
     ///
     /// By a Cholesky factor of the normal equations, where the paper takes the singular value decomposition of `A`: with
     /// the prior they have full rank, the solution is the same, and the covariance comes from the same factor.
     /// Along each eigenvector of the information only what exceeds the normals' noise is believed; where nothing is
     /// left, the prior alone decides.
-    pub(super) fn solve(
-        self,
-        priors: &[(Matrix6<f64>, Vector6<f64>)],
-    ) -> Option<(DVector<f64>, DMatrix<f64>)> {
+    pub(super) fn solve(self, priors: &[(Matrix6<f64>, Vector6<f64>)]) -> Option<Solution> {
         let n = self.pull.len();
         // Rows scaled so that a motion which every pair of a view sees in full has information 1.
         let unit = DVector::from_fn(n, |k, _| {
@@ -115,8 +112,25 @@ impl System {
         }
         let factor = h.cholesky()?;
         let x = factor.solve(&g).component_mul(&unit);
-        let covariance = factor.inverse();
-        Some((x, DMatrix::from_fn(n, n, |r, c| covariance[(r, c)] * unit[r] * unit[c])))
+        Some(Solution { x, factor, unit })
+    }
+}
+
+/// One step of all views but the first.
+pub(super) struct Solution {
+    /// The increments, six of each view: rad, mm.
+    pub(super) x: DVector<f64>,
+    factor: Cholesky<f64, Dyn>,
+    /// What a scaled unknown is in radians or millimetres.
+    unit: DVector<f64>,
+}
+
+impl Solution {
+    /// Of the increments; costs more than the step itself, and only the last step's is asked for.
+    pub(super) fn covariance(&self) -> DMatrix<f64> {
+        let scaled = self.factor.inverse();
+        let n = self.unit.len();
+        DMatrix::from_fn(n, n, |r, c| scaled[(r, c)] * self.unit[r] * self.unit[c])
     }
 }
 

@@ -14,6 +14,8 @@ const up = new THREE.Vector3(...content.up);
 const radius = content.radius_mm;
 const local = (p) => new THREE.Vector3(...p).sub(centre);
 const FOV = 32;
+// Below and above a place as far as the work reaches: a pipe stands above the seam at its foot.
+const upright = (p) => content.heights_mm.map((height) => p.clone().addScaledVector(up, height - p.dot(up)));
 // The paper's edge points come in no order: lines between them would hide everything.
 const ORDERED = !content.histograms.ratio_decides;
 // Lines that lie among points win over them.
@@ -216,11 +218,12 @@ export class Scene {
     this.redraw();
   }
 
+  // The whole work is looked at, a seam alone where `about` is given.
   look(from, about) {
     const eye = new THREE.Vector3(...content.eye);
     const level = eye.clone().addScaledVector(up, -eye.dot(up)).normalize();
     const directions = { home: eye, top: up.clone().addScaledVector(level, 0.001), front: level.addScaledVector(up, 0.04), side: level.clone().cross(up).addScaledVector(up, 0.04) };
-    const places = about ? about.line_mm.map(local) : this.places ??= seams.flatMap((s) => s.line_mm.map(local));
+    const places = about ? about.line_mm.map(local) : this.places ??= seams.flatMap((s) => s.line_mm.map(local)).flatMap(upright);
     const ball = new THREE.Sphere().setFromPoints(places.length ? places : [new THREE.Vector3(radius, 0, 0), new THREE.Vector3(-radius, 0, 0)]);
     ball.radius += Math.max(0.3 * ball.radius, about ? 15 : 30);
     const half = (FOV * Math.PI) / 360;
