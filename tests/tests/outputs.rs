@@ -8,7 +8,7 @@ use weldpath::lab::evaluation::{Options, PathSet, score};
 use weldpath::lab::simulation::{Part, Request, stage};
 use weldpath::output::json;
 use weldpath::run::job::Job;
-use weldpath::run::postprocessing::{Output, postprocess};
+use weldpath::run::postprocessing::{MOST_POINTS, Output, postprocess};
 use weldpath_tests::plans;
 
 fn output(job: &str) -> Output {
@@ -263,4 +263,19 @@ fn a_folder_that_refuses_is_left_as_it_was() {
     assert!(files::write(&out, &output("").files).is_err());
     assert_eq!(std::fs::read_to_string(out.join("path.csv")).unwrap(), "precious");
     assert_eq!(std::fs::read_dir(&out).unwrap().count(), 2);
+}
+
+#[test]
+fn a_job_at_the_ends_of_its_ranges_is_refused_by_the_number_of_its_points() {
+    let weave =
+        "[path]\nspacing_mm = 0.1\n[weave]\nshape = \"triangle\"\nwavelength_mm = 0.5\nheight_mm = 1.0\n";
+    let written = |job: &str| {
+        let job = Job::parse(job, Path::new("job.toml")).expect("each number is within its range");
+        postprocess(&plans::pipe_and_bend(), &job, Default::default())
+    };
+    assert!(written(weave).is_ok(), "one pass");
+    let error = written(&format!("{weave}{}", "[[pass]]\n".repeat(16))).expect_err("too many").to_string();
+    let mut numbers = error.split_whitespace().filter_map(|word| word.parse::<usize>().ok()).skip(1);
+    assert!(numbers.next().is_some_and(|points| points > MOST_POINTS), "{error}");
+    assert_eq!(numbers.next(), Some(MOST_POINTS), "{error}");
 }

@@ -263,6 +263,9 @@ fn not_written_out(error: postprocessing::Error) -> Failure {
     match error {
         postprocessing::Error::Selection(error) => not_selected(error),
         postprocessing::Error::TooLong(error) => too_long(error),
+        error @ postprocessing::Error::TooMany { .. } => Failure::new(Exit::Usage, error).hint(
+            "a wider spacing_mm in [path], a longer wavelength_mm in [weave], fewer passes, or fewer seams at a time with --seam",
+        ),
     }
 }
 

@@ -45,7 +45,19 @@ pub enum Error {
     /// A seam that is too long for one of the robots' programs.
     #[error(transparent)]
     TooLong(#[from] moves::TooLong),
+    /// More welded points than a program may have.
+    #[error("seam {seam} brings the job to {points} welded points, and a program may have {MOST_POINTS}")]
+    TooMany {
+        /// [`crate::seam::Seam::id`].
+        seam: usize,
+        /// Of it and the seams before it.
+        points: usize,
+    },
 }
+
+/// Welded points of all passes of a job. No controller loads a program of this length (some 25 MB of URScript); beyond it
+/// time and memory of a plan would be those of its files alone.
+pub const MOST_POINTS: usize = 100_000;
 
 /// Everything that follows from `plan` and `job`; writes nothing.
 pub fn postprocess(plan: &Plan, job: &Job, source: Source) -> Result<Output, Error> {
@@ -85,10 +97,16 @@ pub fn program_files(waypoints: &[Waypoint], job: &Job) -> Result<Vec<File>, mov
 }
 
 /// The seams in the order and direction in which they are welded, each with its settings.
-fn ordered(paths: Vec<SeamPath>, plan: &Plan, job: &Job) -> Result<Vec<(SeamPath, Weld)>, selection::Error> {
+fn ordered(paths: Vec<SeamPath>, plan: &Plan, job: &Job) -> Result<Vec<(SeamPath, Weld)>, Error> {
     let mut seams = Vec::with_capacity(paths.len());
+    let mut points = 0;
     for path in paths {
         let weld = weld(&path, plan, job)?;
+        let of_pass = |pass: &Pass| pass.path.points.len();
+        points += passes(&path, &weld, job.method, &[]).iter().map(of_pass).sum::<usize>();
+        if points > MOST_POINTS {
+            return Err(Error::TooMany { seam: path.seam, points });
+        }
         seams.push((path, weld));
     }
     let ways: Vec<AllowedDirection> = seams.iter().map(|(path, weld)| way(path, weld, job)).collect();
