@@ -6,6 +6,7 @@
 //! metres appear: [`Units`] says how they are known.
 //! Nothing here trusts a count in a header: it is held against the size of the file before anything is allocated.
 
+mod camera;
 mod depth;
 mod direction;
 #[cfg(feature = "e57")]
@@ -40,6 +41,7 @@ use std::path::{Path, PathBuf};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 use crate::geometry::cloud::View;
+pub use camera::{Distortion, Intrinsics};
 use format::{Format, Reader};
 use raw::Raw;
 pub use units::{Units, UnknownUnits};
@@ -49,6 +51,8 @@ pub use units::{Units, UnknownUnits};
 pub struct Options {
     /// Unit of the coordinates in INPUT; `Auto` asks the file, then the size of what it holds.
     pub units: Units,
+    /// Of depth images that come without: one alone, or a folder with a trajectory only.
+    pub intrinsics: Option<Intrinsics>,
     /// Whether a `scan.json` may name files outside its folder. One that came from somebody else should not.
     pub allow_outside: bool,
 }

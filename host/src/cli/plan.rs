@@ -42,6 +42,9 @@ pub(super) struct Args {
     /// Unit of the input, where the file does not say it [default: auto]
     #[arg(long)]
     units: Option<input::Units>,
+    /// Intrinsics of depth images that come without, px, and distortion as OpenCV and RealSense write it
+    #[arg(long, value_name = "FX,FY,CX,CY[,K1,K2,P1,P2,K3]", allow_hyphen_values = true)]
+    intrinsics: Option<input::Intrinsics>,
     /// Hold the tip this far off the seam, along the torch axis [default: 0]
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     standoff_mm: Option<StandoffMm>,
@@ -152,6 +155,7 @@ fn job(args: &Args) -> Result<Job, Failure> {
         None => Job::default(),
     };
     replace(&mut job.units, args.units);
+    job.intrinsics = args.intrinsics.or(job.intrinsics);
     replace(&mut job.method, args.method);
     if args.method == Some(MethodName::Weldpath) {
         job.ratio_threshold = None;
@@ -235,8 +239,9 @@ fn input(args: &Args, job: &Job) -> Result<PathBuf, Failure> {
 fn plan(job: &Job, allow_outside: bool, progress: &mut Progress) -> Result<(Plan, Source), Failure> {
     progress.stage("scan");
     let input = job.input.as_deref().unwrap_or(Path::new("."));
-    let scan = input::read(input, &input::Options { units: job.units, allow_outside })
-        .map_err(|error| Failure::new(Exit::Input, error))?;
+    let scan =
+        input::read(input, &input::Options { units: job.units, intrinsics: job.intrinsics, allow_outside })
+            .map_err(|error| Failure::new(Exit::Input, error))?;
     let mut plan = pipeline::plan(&scan.views, &job.pipeline(), progress).map_err(not_planned)?;
     plan.warnings.splice(0..0, scan.warnings);
     let inputs = scan.inputs.iter().map(|path| path.display().to_string()).collect();

@@ -49,7 +49,11 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let saved = read(&args.saved)?;
     let folder = Folder::new(&args.out, args.folder, args.quiet);
     folder.check(&["path.csv", "path.json", "model.ply", "job.toml", "refit.json"])?;
-    let options = input::Options { units: args.units.unwrap_or_default(), allow_outside: args.allow_outside };
+    let options = input::Options {
+        units: args.units.unwrap_or_default(),
+        allow_outside: args.allow_outside,
+        ..input::Options::default()
+    };
     let scan = input::read(&args.scan, &options).map_err(|error| Failure::new(Exit::Input, error))?;
     let new = refit::cloud(&scan.views);
     let fit = refit::refit(&saved.program, &saved.model, &new).map_err(|error| {

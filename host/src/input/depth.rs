@@ -7,27 +7,22 @@ use std::path::Path;
 
 use nalgebra::{Isometry3, Point3};
 use png::{BitDepth, ColorType, Decoder};
-use serde::Deserialize;
 
-use super::{Error, Scan, memory, name_of, records};
+use super::camera::{Camera, Distortion, Intrinsics, Rays};
+use super::{Error, Options, Scan, memory, name_of, records};
 use crate::geometry::cloud::View;
 
-/// Pinhole intrinsics, in pixels, and the size of a count.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
-pub(super) struct Camera {
-    pub width: u32,
-    pub height: u32,
-    pub fx: f64,
-    pub fy: f64,
-    pub cx: f64,
-    pub cy: f64,
-    /// Metres per count.
-    pub depth_scale_m: f64,
-}
-
-/// What a 640x480 image without intrinsics is taken for: the PrimeSense default of Open3D.
-pub(super) const PRIMESENSE: Camera =
-    Camera { width: 640, height: 480, fx: 525.0, fy: 525.0, cx: 319.5, cy: 239.5, depth_scale_m: 0.001 };
+/// What the images of a folder without intrinsics are taken for: the PrimeSense default of Open3D.
+pub(super) const PRIMESENSE: Camera = Camera {
+    width: 640,
+    height: 480,
+    fx: 525.0,
+    fy: 525.0,
+    cx: 319.5,
+    cy: 239.5,
+    depth_scale_m: 0.001,
+    distortion: Distortion { k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0, k3: 0.0 },
+};
 
 /// Deflate grows its input by at most this (zlib's technical details).
 const DEFLATE_GROWTH: u64 = 1032;
@@ -35,42 +30,17 @@ const DEFLATE_GROWTH: u64 = 1032;
 /// In memory: the count, and the point that it becomes.
 const PIXEL_BYTES: u64 = 2 + 12;
 
-/// What a focal length or an image's centre can be, in pixels.
-const PIXELS: std::ops::RangeInclusive<f64> = 1.0..=1e6;
-
-impl Camera {
-    /// The first field that no camera can have, and why.
-    pub(super) fn fault(&self) -> Option<(&'static str, String)> {
-        let focal = [("fx", self.fx), ("fy", self.fy)].into_iter().find(|(_, v)| !PIXELS.contains(v));
-        let centre =
-            [("cx", self.cx), ("cy", self.cy)].into_iter().find(|(_, v)| !PIXELS.contains(&v.abs().max(1.0)));
-        if let Some((name, value)) = focal.or(centre) {
-            Some((name, format!("{value} is no number of pixels that a lens could have")))
-        } else if !(self.depth_scale_m.is_finite() && self.depth_scale_m > 0.0) {
-            Some(("depth_scale_m", format!("{} is not above 0", self.depth_scale_m)))
-        } else if self.depth_scale_m > 0.1 {
-            Some((
-                "depth_scale_m",
-                format!("{} m per count is too coarse for any scanner", self.depth_scale_m),
-            ))
-        } else {
-            None
-        }
-    }
-}
-
 /// The points of a depth image, mm, in the camera's frame: x right, y down, z forward.
-pub(super) fn points_mm(bytes: &[u8], camera: &Camera, path: &Path) -> Result<Vec<Point3<f32>>, Error> {
+pub(super) fn points_mm(bytes: &[u8], rays: &Rays, path: &Path) -> Result<Vec<Point3<f32>>, Error> {
+    let camera = &rays.camera;
     let counts = counts(bytes, camera, path)?;
-    let mm_per_count = camera.depth_scale_m * 1000.0;
-    let column = |u: u32| ((f64::from(u) - camera.cx) / camera.fx) as f32;
-    let columns: Vec<f32> = (0..camera.width).map(column).collect();
+    let (slopes, mm_per_count) = (rays.slopes(), camera.depth_scale_m * 1000.0);
     let mut points = Vec::with_capacity(counts.len() / 2);
-    for (v, row) in counts.chunks_exact(2 * columns.len()).enumerate() {
-        let y = ((v as f64 - camera.cy) / camera.fy) as f32;
-        for (pixel, x) in row.chunks_exact(2).zip(&columns) {
+    for (row, pixels) in counts.chunks_exact(2 * camera.width as usize).enumerate() {
+        for (column, pixel) in pixels.chunks_exact(2).enumerate() {
             let count = u16::from_be_bytes([pixel[0], pixel[1]]);
-            if count > 0 {
+            let [x, y] = slopes.at(column, row);
+            if count > 0 && x.is_finite() {
                 let z = (f64::from(count) * mm_per_count) as f32;
                 points.push(Point3::new(x * z, y * z, z));
             }
@@ -81,14 +51,7 @@ pub(super) fn points_mm(bytes: &[u8], camera: &Camera, path: &Path) -> Result<Ve
 
 /// The image as PNG stores it: two bytes a pixel, the high one first.
 fn counts(bytes: &[u8], camera: &Camera, path: &Path) -> Result<Vec<u8>, Error> {
-    let damaged = |e: png::DecodingError| {
-        Error::malformed(
-            path,
-            "PNG data",
-            e.to_string(),
-            "The image is cut off or damaged: copy or export it again",
-        )
-    };
+    let damaged = |e: png::DecodingError| damaged(&e, path);
     let mut decoder = Decoder::new(Cursor::new(bytes));
     decoder.set_ignore_text_chunk(true);
     decoder.set_ignore_iccp_chunk(true);
@@ -123,9 +86,46 @@ fn counts(bytes: &[u8], camera: &Camera, path: &Path) -> Result<Vec<u8>, Error> 
     Ok(counts)
 }
 
-/// A depth image alone, with nothing that says what camera took it.
-pub(super) fn read_single(bytes: &[u8], path: &Path) -> Result<Scan, Error> {
-    let points_mm = points_mm(bytes, &PRIMESENSE, path)?;
+/// Columns and rows of an image, from its header.
+pub(super) fn size_px(bytes: &[u8], path: &Path) -> Result<[u32; 2], Error> {
+    let mut decoder = Decoder::new(Cursor::new(bytes));
+    let header = decoder.read_header_info().map_err(|e| damaged(&e, path))?;
+    Ok([header.width, header.height])
+}
+
+fn damaged(error: &png::DecodingError, path: &Path) -> Error {
+    let help = "The image is cut off or damaged: copy or export it again";
+    Error::malformed(path, "PNG data", error.to_string(), help)
+}
+
+/// The camera of images that come without, as the user gave it.
+pub(super) fn given(
+    intrinsics: &Intrinsics,
+    bytes: &[u8],
+    depth_scale_m: f64,
+    path: &Path,
+) -> Result<Camera, Error> {
+    let camera = Camera::new(size_px(bytes, path)?, intrinsics, depth_scale_m);
+    let help = "Give those of the depth stream with --intrinsics fx,fy,cx,cy[,k1,k2,p1,p2,k3]";
+    match camera.fault() {
+        Some((field, problem)) => Err(Error::malformed(path, field, problem, help)),
+        None => Ok(camera),
+    }
+}
+
+/// A depth image alone; what camera took it the user has to say.
+pub(super) fn read_single(bytes: &[u8], path: &Path, options: &Options) -> Result<Scan, Error> {
+    let Some(intrinsics) = &options.intrinsics else {
+        let help = "Give them with --intrinsics fx,fy,cx,cy[,k1,k2,p1,p2,k3], or write a scan.json with its `camera`";
+        return Err(Error::malformed(
+            path,
+            "PNG",
+            "a depth image says nothing of its camera's intrinsics",
+            help,
+        ));
+    };
+    let camera = given(intrinsics, bytes, PRIMESENSE.depth_scale_m, path)?;
+    let points_mm = points_mm(bytes, &Rays::new(camera), path)?;
     if points_mm.is_empty() {
         return Err(Error::empty(path, "every pixel is 0, the mark of no reading"));
     }
@@ -140,17 +140,19 @@ pub(super) fn read_single(bytes: &[u8], path: &Path) -> Result<Scan, Error> {
     Ok(Scan {
         views: vec![view],
         notes: vec!["frame: the camera's, since no pose is given".into()],
-        warnings: vec![assumed_camera()],
+        warnings: vec![
+            "each step of the depth image is read as 1 mm; if it is another, write a scan.json with depth_scale_m".into(),
+        ],
         inputs: vec![path.into()],
     })
 }
 
-/// The warning that goes with [`PRIMESENSE`].
+/// The warning that goes with [`PRIMESENSE`], of a folder of images.
 pub(super) fn assumed_camera() -> String {
     let Camera { fx, cx, cy, depth_scale_m, .. } = PRIMESENSE;
     format!(
         "no intrinsics are given: taken are those of a PrimeSense camera (f {fx}, c {cx} {cy}, {depth_scale_m} m per \
-         count); sizes are wrong if it was another, so write a scan.json with its `camera`"
+         count); sizes are wrong if it was another, so give them with --intrinsics"
     )
 }
 
@@ -158,8 +160,16 @@ pub(super) fn assumed_camera() -> String {
 mod tests {
     use super::*;
 
-    const CAMERA: Camera =
-        Camera { width: 3, height: 2, fx: 2.0, fy: 4.0, cx: 1.0, cy: 0.5, depth_scale_m: 0.0005 };
+    const CAMERA: Camera = Camera {
+        width: 3,
+        height: 2,
+        fx: 2.0,
+        fy: 4.0,
+        cx: 1.0,
+        cy: 0.5,
+        depth_scale_m: 0.0005,
+        ..PRIMESENSE
+    };
 
     fn png(width: u32, height: u32, color: ColorType, depth: BitDepth, data: &[u8]) -> Vec<u8> {
         let mut bytes = Vec::new();
@@ -177,15 +187,33 @@ mod tests {
 
     #[test]
     fn a_count_becomes_a_point_on_the_ray_of_its_pixel() {
-        let points = points_mm(&grey(&[0, 0, 1000, 65535, 0, 1]), &CAMERA, Path::new("d.png")).unwrap();
+        let points =
+            points_mm(&grey(&[0, 0, 1000, 65535, 0, 1]), &Rays::new(CAMERA), Path::new("d.png")).unwrap();
         let expected = [[250.0, -62.5, 500.0], [-16383.75, 4095.9375, 32767.5], [0.25, 0.0625, 0.5]];
         assert_eq!(points, expected.map(Point3::from));
     }
 
     #[test]
+    fn a_distorted_image_of_a_wall_is_a_wall() {
+        let distortion = Distortion { k1: -0.2, k2: 0.05, p1: 0.001, p2: -0.002, k3: 0.01 };
+        let camera = Camera { fx: 3.0, fy: 3.0, distortion, ..CAMERA };
+        let points = points_mm(&grey(&[1000; 6]), &Rays::new(camera), Path::new("d.png")).unwrap();
+        for (k, p) in points.iter().enumerate() {
+            assert_eq!(p.z, 500.0);
+            // Shown again by the lens, the point falls on its pixel.
+            let (x, y) = (f64::from(p.x / p.z), f64::from(p.y / p.z));
+            let r2 = x * x + y * y;
+            let radial = 1.0 - 0.2 * r2 + 0.05 * r2.powi(2) + 0.01 * r2.powi(3);
+            let column = 3.0 * (x * radial + 0.002 * x * y - 0.002 * (r2 + 2.0 * x * x)) + 1.0;
+            let row = 3.0 * (y * radial + 0.001 * (r2 + 2.0 * y * y) - 0.004 * x * y) + 0.5;
+            assert!((column - (k % 3) as f64).abs() < 1e-6 && (row - (k / 3) as f64).abs() < 1e-6, "{k}");
+        }
+    }
+
+    #[test]
     fn images_that_hold_no_depth_are_refused() {
         let refused = |bytes: &[u8], camera: &Camera, problem: &str| {
-            let error = points_mm(bytes, camera, Path::new("d.png")).unwrap_err().to_string();
+            let error = points_mm(bytes, &Rays::new(*camera), Path::new("d.png")).unwrap_err().to_string();
             assert!(error.contains("d.png") && error.contains(problem), "{error}");
         };
         refused(&png(3, 2, ColorType::Grayscale, BitDepth::Eight, &[0; 6]), &CAMERA, "Eight bits");
@@ -206,6 +234,7 @@ mod tests {
             (Camera { fx: 0.0, ..CAMERA }, "fx"),
             (Camera { fy: f64::NAN, ..CAMERA }, "fy"),
             (Camera { cx: f64::INFINITY, ..CAMERA }, "cx"),
+            (Camera { distortion: Distortion { k2: f64::NAN, ..Distortion::default() }, ..CAMERA }, "k2"),
             (Camera { depth_scale_m: -1.0, ..CAMERA }, "depth_scale_m"),
             (Camera { depth_scale_m: 1.0, ..CAMERA }, "depth_scale_m"),
         ] {

@@ -75,7 +75,7 @@ const FORMATS: &[Format] = &[
         mark: |head| head.starts_with(b"\x89PNG\r\n\x1a\n"),
         first_line: never,
         reader: Reader::Views {
-            read: |bytes, path, _| depth::read_single(&bytes, path),
+            read: |bytes, path, options| depth::read_single(&bytes, path, options),
             elsewhere: CLOUD_NEEDED,
         },
     },

@@ -12,7 +12,8 @@ use rayon::prelude::*;
 use serde::Deserialize;
 use serde_json::Value;
 
-use super::depth::{self, Camera};
+use super::camera::{Camera, Rays};
+use super::depth;
 use super::units::Unit;
 use super::{
     Error, Options, Scan, direction, name_of, parsed, read_at_most, read_file, transform, translation,
@@ -25,7 +26,8 @@ pub(super) const NAME: &str = "scan.json";
 
 const KEYS: &[&str] =
     &["units", "camera", "flange_from_camera", "camera_from_flange", "flange_from_tcp", "views"];
-const CAMERA_KEYS: &[&str] = &["width", "height", "fx", "fy", "cx", "cy", "depth_scale_m"];
+const CAMERA_KEYS: &[&str] =
+    &["width", "height", "fx", "fy", "cx", "cy", "depth_scale_m", "k1", "k2", "p1", "p2", "k3"];
 const VIEW_KEYS: &[&str] =
     &["depth", "cloud", "frame", "camera_m", "base_from_flange", "flange_from_base", "base_from_tcp"];
 
@@ -80,7 +82,7 @@ pub(super) fn read(path: &Path, options: &Options) -> Result<Scan, Error> {
         refuse_outside(&manifest, path)?;
     }
     let hand_eye = hand_eye(&manifest, unit, path, &mut scan)?;
-    let job = Job { path, unit, hand_eye, manifest: &manifest };
+    let job = Job { path, unit, hand_eye, rays: manifest.camera.map(Rays::new), manifest: &manifest };
     let read: Vec<_> = (0..manifest.views.len()).into_par_iter().map(|i| job.view(i)).collect();
     for (i, view) in read.into_iter().enumerate() {
         let (view, file, notes) = view?;
@@ -239,6 +241,7 @@ struct Job<'a> {
     path: &'a Path,
     unit: Unit,
     hand_eye: Option<Isometry3<f64>>,
+    rays: Option<Rays>,
     manifest: &'a Manifest,
 }
 
@@ -270,7 +273,7 @@ impl Job<'_> {
     }
 
     fn depth_view(&self, i: usize, name: &Path) -> Result<Read, Error> {
-        let Some(camera) = &self.manifest.camera else {
+        let Some(rays) = &self.rays else {
             let help = "Add \"camera\": {width, height, fx, fy, cx, cy, depth_scale_m}";
             return Err(Error::malformed(
                 self.path,
@@ -281,7 +284,7 @@ impl Job<'_> {
         };
         let base_from_camera = self.base_from_camera(i)?;
         let file = self.file(name);
-        let points_mm = depth::points_mm(&read_file(&file)?, camera, &file)?;
+        let points_mm = depth::points_mm(&read_file(&file)?, rays, &file)?;
         let name = name_of(&file);
         Ok((
             View { name, points_mm, normals: Vec::new(), base_from_camera, camera_known: true, mesh: None },

@@ -10,7 +10,8 @@ use nalgebra::Isometry3;
 use rayon::prelude::*;
 use serde::Deserialize;
 
-use super::depth::{self, Camera, PRIMESENSE};
+use super::camera::{Camera, Distortion, Rays};
+use super::depth::{self, PRIMESENSE};
 use super::transform::{Fault, from_quaternion, from_rows};
 use super::units::Unit;
 use super::{Error, Options, Scan, direction, manifest, name_of, read_at_most, read_file};
@@ -34,8 +35,9 @@ pub(super) fn read_folder(folder: &Path, options: &Options) -> Result<Scan, Erro
     let overruled = (unit != Unit::Metre).then(|| "--units overrules the metres of trajectories".to_owned());
     let (file, poses) = trajectory(folder, unit)?;
     let poses = matched(poses, &images, &file)?;
-    let (camera, assumed) = camera(folder)?;
-    let read: Vec<_> = images.par_iter().zip(poses).map(|(image, pose)| view(image, &camera, pose)).collect();
+    let (camera, assumed) = camera(folder, &images[0], options)?;
+    let rays = Rays::new(camera);
+    let read: Vec<_> = images.par_iter().zip(poses).map(|(image, pose)| view(image, &rays, pose)).collect();
     let views = read.into_iter().collect::<Result<Vec<View>, Error>>()?;
     let (views, blind): (Vec<_>, Vec<_>) = views.into_iter().partition(|view| !view.points_mm.is_empty());
     if views.is_empty() {
@@ -62,9 +64,12 @@ struct Intrinsics {
     intrinsic_matrix: [f64; 9],
 }
 
-/// The camera, and what is assumed of it.
-fn camera(folder: &Path) -> Result<(Camera, Option<String>), Error> {
+/// The camera, and what is assumed of it. What the user says of it goes before what lies in the folder.
+fn camera(folder: &Path, image: &Path, options: &Options) -> Result<(Camera, Option<String>), Error> {
     let depth_scale_m = if folder.join(TUM_LIST).is_file() { TUM_SCALE_M } else { PRIMESENSE.depth_scale_m };
+    if let Some(intrinsics) = &options.intrinsics {
+        return Ok((depth::given(intrinsics, &read_file(image)?, depth_scale_m, image)?, None));
+    }
     let file = folder.join(INTRINSICS);
     if !file.is_file() {
         return Ok((Camera { depth_scale_m, ..PRIMESENSE }, Some(depth::assumed_camera())));
@@ -74,7 +79,8 @@ fn camera(folder: &Path) -> Result<(Camera, Option<String>), Error> {
     let read: Intrinsics = serde_json::from_slice(&read_at_most(&file, super::SETTINGS_BYTES)?)
         .map_err(|e| bad(format!("line {}, column {}", e.line(), e.column()), e.to_string()))?;
     let [fx, _, _, _, fy, _, cx, cy, _] = read.intrinsic_matrix;
-    let camera = Camera { width: read.width, height: read.height, fx, fy, cx, cy, depth_scale_m };
+    let distortion = Distortion::default();
+    let camera = Camera { width: read.width, height: read.height, fx, fy, cx, cy, depth_scale_m, distortion };
     match camera.fault() {
         Some((field, problem)) => Err(bad(field.into(), problem)),
         None => Ok((camera, None)),
@@ -134,8 +140,8 @@ fn check_direction(views: &[View], file: &Path) -> Result<(), Error> {
     }
 }
 
-fn view(image: &Path, camera: &Camera, base_from_camera: Isometry3<f64>) -> Result<View, Error> {
-    let points_mm = depth::points_mm(&read_file(image)?, camera, image)?;
+fn view(image: &Path, rays: &Rays, base_from_camera: Isometry3<f64>) -> Result<View, Error> {
+    let points_mm = depth::points_mm(&read_file(image)?, rays, image)?;
     Ok(View {
         name: name_of(image),
         points_mm,
@@ -258,14 +264,27 @@ mod tests {
     fn intrinsics_of_open3d_are_read_column_by_column() {
         let folder = tempfile::tempdir().unwrap();
         let write = |text: &str| std::fs::write(folder.path().join(INTRINSICS), text).unwrap();
-        assert!(camera(folder.path()).unwrap().1.is_some(), "without a file the camera is assumed, and said");
+        assert!(
+            camera(folder.path(), Path::new("0.png"), &Options::default()).unwrap().1.is_some(),
+            "without a file the camera is assumed, and said"
+        );
         write(r#"{"width": 8, "height": 6, "intrinsic_matrix": [500, 0, 0, 0, 510, 0, 4, 3, 1]}"#);
-        let (read, assumed) = camera(folder.path()).unwrap();
+        let (read, assumed) = camera(folder.path(), Path::new("0.png"), &Options::default()).unwrap();
         assert_eq!((read.fx, read.fy, read.cx, read.cy, assumed), (500.0, 510.0, 4.0, 3.0, None));
         write(r#"{"width": 8, "height": 6, "intrinsic_matrix": [0, 0, 0, 0, 510, 0, 4, 3, 1]}"#);
-        assert!(camera(folder.path()).unwrap_err().to_string().contains("fx"));
+        assert!(
+            camera(folder.path(), Path::new("0.png"), &Options::default())
+                .unwrap_err()
+                .to_string()
+                .contains("fx")
+        );
         write("{");
-        assert!(camera(folder.path()).unwrap_err().to_string().contains(INTRINSICS));
+        assert!(
+            camera(folder.path(), Path::new("0.png"), &Options::default())
+                .unwrap_err()
+                .to_string()
+                .contains(INTRINSICS)
+        );
     }
 
     #[test]

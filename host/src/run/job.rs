@@ -16,7 +16,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::files::reading;
-use crate::input::Units;
+use crate::input::{Intrinsics, Units};
 use crate::pipeline;
 use crate::robot::arc::WeldingArc;
 use crate::robot::dialect::{Dialect, ProgramSetup};
@@ -55,6 +55,9 @@ pub struct Job {
     pub input: Option<PathBuf>,
     /// Unit of the input.
     pub units: Units,
+    /// Of depth images that come without: fx, fy, cx, cy in pixels, then k1, k2, p1, p2, k3.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub intrinsics: Option<Intrinsics>,
     /// How seams are found.
     pub method: MethodName,
     /// Threshold `t` of eq. (16), for the method of the paper.
