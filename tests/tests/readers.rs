@@ -141,3 +141,21 @@ fn clouds_of_known_frame_and_unit_are_taken_as_such() {
     let cad = read(&real.join("romi-lab+robotic-sealing/seam_tracking/T-Joint/Model_STL/T1.STL"));
     assert!(cad.notes.iter().any(|note| note.starts_with("units: millimetres")), "{:?}", cad.notes);
 }
+
+#[test]
+fn a_depth_image_alone_is_read_with_its_camera_and_refused_without() {
+    let fixture = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().join("fixtures/pipe");
+    let image = fixture.join("view_000.png");
+    let error = input::read(&image, &Options::default()).unwrap_err().to_string();
+    assert!(error.contains("view_000.png") && error.contains("--intrinsics"), "{error}");
+
+    let intrinsics = Some("600,600,319.5,239.5".parse().unwrap());
+    let alone = input::read(&image, &Options { intrinsics, ..Options::default() }).unwrap();
+    let scan = input::read(&fixture, &Options::default()).unwrap();
+    // scan.json says 0.05 mm a count, where an image alone is read as 1 mm.
+    let of_scan: Vec<_> = scan.views[0].points_mm.iter().map(|p| p * 20.0).collect();
+    assert_eq!(alone.views[0].points_mm.len(), of_scan.len());
+    let apart = alone.views[0].points_mm.iter().zip(&of_scan).map(|(a, b)| (a - b).norm() / b.coords.norm());
+    assert!(apart.fold(0.0, f32::max) < 1e-6);
+    assert!(alone.warnings.iter().any(|warning| warning.contains("1 mm")), "{:?}", alone.warnings);
+}
