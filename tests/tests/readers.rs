@@ -23,8 +23,11 @@ fn files(folder: &Path, extensions: &[&str]) -> Vec<PathBuf> {
     found
 }
 
+/// Images without a camera are taken for those of the PrimeSense that most of them are from.
 fn read(path: &Path) -> Scan {
-    input::read(path, &Options::default()).unwrap_or_else(|error| panic!("{error}"))
+    let intrinsics = Some("525,525,319.5,239.5".parse().unwrap());
+    let options = Options { intrinsics, ..Options::default() };
+    input::read(path, &options).unwrap_or_else(|error| panic!("{error}"))
 }
 
 /// The number after a key of the header.

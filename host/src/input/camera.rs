@@ -158,6 +158,11 @@ impl Camera {
         Self { width: size_px[0], height: size_px[1], fx, fy, cx, cy, depth_scale_m, distortion }
     }
 
+    /// What the ray of a pixel takes in memory where each pixel has one of its own.
+    pub(super) fn ray_bytes(&self) -> u64 {
+        if self.distortion.is_none() { 0 } else { size_of::<[f32; 2]>() as u64 }
+    }
+
     /// The first field that no camera can have, and why.
     pub(super) fn fault(&self) -> Option<(&'static str, String)> {
         self.number_fault().or_else(|| self.lens_fault())

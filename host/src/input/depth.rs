@@ -79,7 +79,7 @@ fn counts(bytes: &[u8], camera: &Camera, path: &Path) -> Result<Vec<u8>, Error> 
         "PNG header",
         path,
     )?;
-    memory::hold(path, bytes.len(), "pixels", pixels, PIXEL_BYTES)?;
+    memory::hold(path, bytes.len(), "pixels", pixels, PIXEL_BYTES + camera.ray_bytes())?;
     let mut reader = decoder.read_info().map_err(damaged)?;
     let mut counts = vec![0; 2 * pixels as usize];
     reader.next_frame(&mut counts).map_err(damaged)?;
