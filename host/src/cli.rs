@@ -31,7 +31,8 @@ use clap::{Parser, Subcommand};
 use weldpath::files::interrupt;
 
 const EXIT_CODES: &str = "Exit codes: 0 done; 2 wrong usage or job file; 3 no seam found; 4 input cannot be read; \
-                          5 output cannot be written; 6 no pendant, or the link was lost; 7 the pendant did not finish.";
+                          5 output cannot be written; 6 no pendant, or the link was lost; 7 the pendant did not finish; \
+                          8 the plan is refused: no program is written.";
 
 /// From scans of a workpiece to the motion of a welding torch.
 #[derive(Debug, Parser)]
@@ -125,6 +126,7 @@ enum Exit {
     Output = 5,
     Pendant = 6,
     Unfinished = 7,
+    Refused = 8,
 }
 
 /// Why a command did not do its work.

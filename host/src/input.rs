@@ -9,6 +9,7 @@
 mod camera;
 mod depth;
 mod direction;
+mod doubt;
 #[cfg(feature = "e57")]
 mod e57;
 mod extent;
@@ -42,6 +43,7 @@ use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 use crate::geometry::cloud::View;
 pub use camera::{Distortion, Intrinsics};
+pub use doubt::{CloudFrame, Doubt, DoubtKind};
 use format::{Format, Reader};
 use raw::Raw;
 pub use units::{Units, UnknownUnits};
@@ -66,6 +68,10 @@ pub struct Scan {
     pub notes: Vec<String>,
     /// What the user should know.
     pub warnings: Vec<String>,
+    /// What cannot well be true of it; the warnings say so, too.
+    pub doubts: Vec<Doubt>,
+    /// Whose frame it is in.
+    pub frame: CloudFrame,
     /// Files read, in the order of reading.
     pub inputs: Vec<PathBuf>,
 }
@@ -316,13 +322,17 @@ fn single(mut raw: Raw, path: &Path, options: &Options) -> Result<Scan, Error> {
     let extent = raw.extent();
     let mut warnings = Vec::new();
     let mm_per_unit = units::decide(options.units, raw.unit, &extent, &mut notes, &mut warnings);
+    let mut frame = CloudFrame::Unknown;
     let view = if raw.triangles.is_empty() {
         let camera = frame::camera_of(&raw, &extent, &mut notes);
+        if camera == Some(Vector3::zeros()) {
+            frame = CloudFrame::Camera;
+        }
         view_of(raw, camera, extent.middle, mm_per_unit, path)
     } else {
         mesh::sample(&raw, &extent, mm_per_unit, path, &mut notes)?
     };
-    Ok(Scan { views: vec![view], notes, warnings, inputs: vec![path.into()] })
+    Ok(Scan { views: vec![view], notes, warnings, doubts: Vec::new(), frame, inputs: vec![path.into()] })
 }
 
 /// A cloud as a view whose origin is the camera or, where none is known, the middle of the cloud. File units.

@@ -1,6 +1,7 @@
 //! From the views of a camera to one model of the work (paper II-C, II-D): normals, registration, voxel grid, bilateral
 //! filter, and the orientation of normals where no camera is known.
 
+pub mod agreement;
 pub mod denoising;
 pub mod downsampling;
 pub mod normals;

@@ -5,3 +5,5 @@ pub mod feasibility;
 pub mod json;
 pub mod ply;
 pub mod summary;
+pub mod verdict;
+pub mod views;

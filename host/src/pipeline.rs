@@ -5,10 +5,11 @@ mod scale_search;
 use self::scale_search::{Model, ScaleResult, ScaleSearch};
 use crate::geometry::cloud::{Merged, PointCloud, View};
 use crate::geometry::grid::Grid;
+use crate::model::agreement::Agreement;
+pub use crate::model::agreement::{HandEyeError, Misfit, ViewReport};
 use crate::model::downsampling::Voxels;
 use crate::model::downsampling::{DISTANCE_VOXELS, HEIGHT_NOISES, RADIUS_VOXELS};
-pub use crate::model::reconstruction::ViewReport;
-use crate::model::{downsampling, normals, reconstruction};
+use crate::model::{agreement, downsampling, normals, reconstruction};
 use crate::seam::Seam;
 use crate::seam::extraction::SeamConfig;
 use crate::seam::measure::coverage;
@@ -56,8 +57,10 @@ pub struct Plan {
     pub paths: Vec<SeamPath>,
     /// Stretches of the seams that should be scanned again.
     pub coverage: Vec<coverage::Gap>,
-    /// One per view; empty for a single cloud.
+    /// One per view that was read, those left out among them; empty for a single cloud.
     pub views: Vec<ViewReport>,
+    /// What the views say of the hand-eye transform, where there are enough of them.
+    pub hand_eye: Option<HandEyeError>,
     /// Parameters that were derived from the data: name, value, unit, how.
     pub derived: Vec<Derived>,
     /// Stage name and wall time, seconds.
@@ -144,15 +147,21 @@ pub const RAW_CELL_MM: f32 = 5.0;
 pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Result<Plan, PlanError> {
     let mut clock = Clock::default();
     let patches = clock.stage("normals", observer, || normals::of_views(views, &config.normals));
-    let register = match config.method {
-        Method::Weldpath => reconstruction::register,
-        Method::Paper { .. } => reconstruction::chain::register,
+    let register = || match config.method {
+        Method::Weldpath => agreement::agreeing(views, &patches, &config.reconstruction),
+        Method::Paper { .. } => {
+            Agreement::of_all(reconstruction::chain::register(views, &patches, &config.reconstruction))
+        }
     };
-    let register = || register(views, &patches, &config.reconstruction);
-    let registration = clock.stage("reconstruction", observer, register);
+    let agreement = clock.stage("reconstruction", observer, register);
+    let reports = if views.len() > 1 { agreement.report(views, &patches) } else { Vec::new() };
+    let mut warnings = agreement.warnings(views, &patches);
+    let hand_eye = agreement.hand_eye;
+    let (views, patches) = (agreement.of(views), agreement.of(&patches));
+    let (views, patches, registration) = (&views[..], &patches[..], agreement.registration);
     let merged = clock.time("merge", || Merged::new(views, &registration.base_from_camera));
     let raw = clock.time("index", || Grid::new(&merged.points_mm, RAW_CELL_MM));
-    let first = downsampling::Scale::of(&merged, &patches, &config.downsampling);
+    let first = downsampling::Scale::of(&merged, patches, &config.downsampling);
     let search = ScaleSearch { views, merged: &merged, raw: &raw, registration: &registration, config };
     let ScaleResult { scale, model, found } = search.best(&first, &mut clock, observer)?;
     let Model { voxels, cloud, index, .. } = &model;
@@ -165,13 +174,21 @@ pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Re
     let paths = clock.stage("toolpath", observer, along);
     let gaps = || coverage::gaps(&found.seams, &merged, &raw, search.cameras_known());
     let coverage = clock.time("coverage", gaps);
-    let reports = if views.len() > 1 { registration.report(views) } else { Vec::new() };
-    let mut warnings = registration.warnings(views, &patches);
     warnings.extend(found.warnings);
     warnings.extend(coverage.iter().map(coverage::Gap::words));
     let derived = derived(&scale, found.gate);
     let (seams, stage_s) = (found.seams, clock.stages);
-    Ok(Plan { model: model.cloud, seams, paths, coverage, views: reports, derived, stage_s, warnings })
+    Ok(Plan {
+        model: model.cloud,
+        seams,
+        paths,
+        coverage,
+        views: reports,
+        hand_eye,
+        derived,
+        stage_s,
+        warnings,
+    })
 }
 
 /// The sizes that were derived from the data, for the summary.

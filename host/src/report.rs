@@ -53,6 +53,7 @@ pub fn without_seams(recording: &Recording, job: &Job, reason: &str) -> Vec<File
         seams: Vec::new(),
         paths: Vec::new(),
         views: Vec::new(),
+        hand_eye: None,
         derived: Vec::new(),
         stage_s: Vec::new(),
         warnings: Vec::new(),

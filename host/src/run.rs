@@ -5,3 +5,4 @@ pub mod job;
 pub mod postprocessing;
 pub mod refit;
 pub mod selection;
+pub mod verdict;

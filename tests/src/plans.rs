@@ -2,7 +2,7 @@
 
 use std::f64::consts::{FRAC_PI_4, TAU};
 
-use nalgebra::{Matrix3, Point3, Rotation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, UnitQuaternion, Vector3};
 use weldpath::geometry::cloud::PointCloud;
 use weldpath::lab::evaluation::{Truth, TruthSeam};
 use weldpath::pipeline::{Derived, Plan, ViewReport};
@@ -64,6 +64,7 @@ fn of_paths(paths: Vec<SeamPath>) -> Plan {
         seams,
         paths,
         views: vec![view()],
+        hand_eye: None,
         derived,
         coverage: vec![],
         stage_s: vec![("normals", 0.25), ("seam", 1.5)],
@@ -134,11 +135,17 @@ fn model() -> PointCloud {
 fn view() -> ViewReport {
     ViewReport {
         name: "view_000.png".into(),
+        misfit: None,
+        left_out: None,
+        complaint: None,
+        base_from_camera: Isometry3::translation(300.0, -20.0, 450.0),
+        reported: Isometry3::translation(300.0, -21.2, 450.0),
         fitness_before: 0.7,
         fitness_after: 0.99,
         fitness_per_iteration: vec![0.7, 0.9, 0.99],
         moved_mm: 1.2,
         moved_deg: 0.4,
         uncertainty_mm: f64::INFINITY,
+        uncertainty_deg: 0.05,
     }
 }

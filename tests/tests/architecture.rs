@@ -33,7 +33,7 @@ const HOST: &[(&str, &[&str])] = &[
     ("pipeline", &["geometry", "model", "seam", "weld"]),
     ("robot", &["files", "geometry", "weld"]),
     ("output", &["geometry", "seam", "weld", "pipeline", "robot"]),
-    ("run", &["files", "geometry", "input", "model", "weld", "pipeline", "robot", "output"]),
+    ("run", &["files", "geometry", "input", "model", "seam", "weld", "pipeline", "robot", "output"]),
     ("pendant", &["weld"]),
     ("lab", &["files", "geometry", "input", "model", "seam", "weld", "pipeline", "output", "run", "pendant"]),
     ("report", &["files", "geometry", "seam", "weld", "pipeline", "output", "run", "lab"]),

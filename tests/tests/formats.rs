@@ -3,13 +3,15 @@
 use std::path::Path;
 
 use serde_json::Value;
-use weldpath::output::json;
+use weldpath::output::verdict::ReasonId;
+use weldpath::output::{json, views};
 use weldpath::run::job::Job;
 use weldpath::run::postprocessing::postprocess;
 use weldpath_tests::plans;
 
 const FORMATS: &str = include_str!("../../docs/formats.md");
 
+const TROUBLESHOOTING: &str = include_str!("../../docs/troubleshooting.md");
 const FEASIBILITY: &str = include_str!("../../docs/feasibility.md");
 
 /// The first fenced block of this language.
@@ -201,6 +203,30 @@ fn the_schema_accepts_the_documented_jobs_and_refuses_slips() {
 #[test]
 fn the_documented_program_is_read() {
     assert_eq!(json::read(block("json")).unwrap().len(), 1);
+}
+
+#[test]
+fn every_reason_of_a_verdict_is_documented_with_what_it_makes_and_no_other() {
+    let (_, section) = TROUBLESHOOTING.split_once("## The verdict").unwrap();
+    let section = section.split("\n### ").next().unwrap();
+    let row = |line: &'static str| {
+        let mut cells = line.strip_prefix("| `")?.split(" | ");
+        Some((cells.next()?.trim_matches('`'), cells.next()?))
+    };
+    let documented: Vec<(&str, &str)> = section.lines().filter_map(row).collect();
+    let known: Vec<(&str, &str)> = ReasonId::ALL.iter().map(|id| (id.name(), id.state().name())).collect();
+    assert_eq!(documented, known);
+}
+
+#[test]
+fn every_key_of_the_views_is_documented_and_no_other() {
+    let plan = plans::pipe_and_bend();
+    let views: Value = serde_json::from_str(&views::write(&plan.views)).unwrap();
+    let mut written: Vec<&str> = views["views"][0].as_object().unwrap().keys().map(String::as_str).collect();
+    let mut documented = keys("## views.json");
+    documented.sort_unstable();
+    written.sort_unstable();
+    assert_eq!(documented, written);
 }
 
 #[test]

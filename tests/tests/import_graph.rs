@@ -19,6 +19,7 @@ const CIRCLES: &[(&str, &str)] = &[
     ("geometry/mesh", "the mesh that is closed into shells"),
     ("seam/facets", "bounds on gaps and openings, said once for all of its steps"),
     ("input", "one Error for all readers, and the Scan that each fills; the file above tries them in turn"),
+    ("model/agreement", "which views fit, which its parts judge and describe"),
     ("model/reconstruction", "settings and result of the registration that the solver fills"),
     ("pipeline", "settings, clock and error of the method, for the search over voxel sizes"),
     (

@@ -4,17 +4,19 @@ use std::path::{Path, PathBuf};
 
 use weldpath::files::File;
 use weldpath::output::summary::Source;
+use weldpath::output::verdict::{Reason, ReasonId, State};
 use weldpath::pipeline::{self, Observer, Plan};
 use weldpath::robot::dialect::Dialect;
 use weldpath::robot::dialect::moves::TooLong;
 use weldpath::run::job::quantity::{
-    ApproachMm, FeedMmS, Output, Place, Points, RatioThreshold, Region, SpacingMm, StandoffMm,
+    self, ApproachMm, FeedMmS, Place, Points, RatioThreshold, Region, SpacingMm, StandoffMm,
 };
 use weldpath::run::job::robot::{RobotSettings, TorchBodySettings};
 use weldpath::run::job::{Formats, Job, MethodName, Sequence};
 use weldpath::run::postprocessing;
-use weldpath::run::postprocessing::postprocess;
+use weldpath::run::postprocessing::{Output, postprocess};
 use weldpath::run::selection;
+use weldpath::run::verdict;
 use weldpath::{input, report};
 
 use super::folder::{Folder, FolderArgs};
@@ -62,6 +64,9 @@ pub(super) struct Args {
     approach_mm: Option<ApproachMm>,
     #[command(flatten)]
     weld: WeldArgs,
+    /// Accept this reason of the verdict, by its id: what it says is confirmed; may be given several times
+    #[arg(long, value_name = "REASON-ID")]
+    accept: Vec<ReasonId>,
     /// Which seam comes next [default: shortest]
     #[arg(long, value_name = "SEQUENCE")]
     sequence: Option<Sequence>,
@@ -82,7 +87,7 @@ pub(super) struct Args {
     t: Option<RatioThreshold>,
     /// Digital output that starts the arc [default: 0]
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
-    arc_output: Option<Output>,
+    arc_output: Option<quantity::Output>,
     /// Check reach, joint limits and singularities of this arm: ur5e, kuka-kr10-r1420 ...; docs/feasibility.md lists them
     #[arg(long, value_name = "NAME", value_parser = RobotSettings::named)]
     robot_model: Option<RobotSettings>,
@@ -140,10 +145,24 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     }
     folder.write(&output.files)?;
     match (args.quiet, args.json) {
-        (true, _) => Ok(()),
-        (_, true) => print(&output.summary.to_json()),
-        _ => print(&table::result(&plan, &output, &source, &args.out)),
+        (true, _) => {}
+        (_, true) => print(&output.summary.to_json())?,
+        _ => print(&table::result(&plan, &output, &source, &args.out))?,
     }
+    refused(&output)
+}
+
+/// A plan that is refused is told on standard error, too: its programs are missing.
+fn refused(output: &Output) -> Result<(), Failure> {
+    let verdict = output.summary.verdict();
+    if verdict.state != State::Refused {
+        return Ok(());
+    }
+    let stands =
+        verdict.reasons.iter().filter(|reason| !reason.accepted && reason.id.state() == State::Refused);
+    let lines: Vec<String> = stands.map(Reason::line).collect();
+    Err(Failure::new(Exit::Refused, format!("the plan is refused, no program is written: {}", lines.join("; ")))
+        .hint("docs/troubleshooting.md says of each reason what to do; --accept REASON-ID where it is known to be harmless"))
 }
 
 /// The job file, if there is one, with the command line on top.
@@ -187,6 +206,9 @@ fn job(args: &Args) -> Result<Job, Failure> {
         (job.path.spacing_mm, job.path.points) = (args.spacing_mm, args.points);
     }
     job.torch_body = args.torch.or(job.torch_body);
+    job.accept.extend(args.accept.iter().copied());
+    job.accept.sort_unstable();
+    job.accept.dedup();
     place_robot(&mut job, args)?;
     job.input = Some(input(args, &job)?);
     if job.ratio_threshold.is_some() && job.method == MethodName::Weldpath {
@@ -242,10 +264,11 @@ fn plan(job: &Job, allow_outside: bool, progress: &mut Progress) -> Result<(Plan
     let scan =
         input::read(input, &input::Options { units: job.units, intrinsics: job.intrinsics, allow_outside })
             .map_err(|error| Failure::new(Exit::Input, error))?;
+    let findings = verdict::of_scan(&scan, job);
     let mut plan = pipeline::plan(&scan.views, &job.pipeline(), progress).map_err(not_planned)?;
     plan.warnings.splice(0..0, scan.warnings);
     let inputs = scan.inputs.iter().map(|path| path.display().to_string()).collect();
-    Ok((plan, Source { inputs, notes: scan.notes }))
+    Ok((plan, Source { inputs, notes: scan.notes, findings }))
 }
 
 /// What led to no plan is what one wants to look at most.

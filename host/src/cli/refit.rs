@@ -68,7 +68,8 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
             .hint("scan the ends of the part, too; or check the place, and say --accept-unknown"));
     }
     let program = refit::moved(&saved.program, &fit.new_from_old);
-    let mut files = program_files(&program, &saved.job).map_err(super::plan::too_long)?;
+    let mut files =
+        program_files(&program, &saved.job, &[refitted(&args.saved)]).map_err(super::plan::too_long)?;
     files.push(File::new("model.ply", ply::write(&new)));
     files.push(File::new("job.toml", saved.job.to_toml()));
     files.push(File::new("refit.json", summary(&fit)));
@@ -76,6 +77,13 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let names: Vec<&str> = files.iter().map(|file| file.name.as_str()).collect();
     let text = told(&fit, &scan.warnings) + &format!("{}: {}\n", args.out.display(), names.join(", "));
     if args.quiet { Ok(()) } else { print(&text) }
+}
+
+/// What the verdict was said of is the saved plan; its reasons hold for what was moved.
+fn refitted(saved: &Path) -> String {
+    let folder =
+        saved.file_name().map_or_else(|| saved.display().to_string(), |name| name.to_string_lossy().into());
+    format!("refitted from {folder}: the verdict in its summary.json holds")
 }
 
 struct Saved {

@@ -14,7 +14,9 @@ use super::warnings;
 
 /// Seams, what was derived, warnings, and where the files are.
 pub(super) fn result(plan: &Plan, output: &Output, source: &Source, out: &Path) -> String {
-    let mut text = format!(
+    let mut text = String::new();
+    output.summary.verdict().lines().iter().for_each(|reason| line(&mut text, reason));
+    text += &format!(
         "{:>4}  {:<8} {:<8} {:>10} {:>7} {:>11}  {}\n",
         "seam", "joint", "position", "length", "points", "confidence", "expected error"
     );
@@ -70,6 +72,9 @@ fn row(seam: &Seam, output: &Output) -> String {
 }
 
 fn registration(view: &ViewReport) -> String {
+    if let Some(why) = &view.left_out {
+        return format!("view {}: left out: it {why}", view.name);
+    }
     format!(
         "view {}: fitness {:.2} -> {:.2}, moved {} mm and {} deg",
         view.name,
@@ -126,6 +131,7 @@ mod tests {
             paths: vec![SeamPath { seam: 1, points }],
             coverage: vec![],
             views: vec![],
+            hand_eye: None,
             derived: vec![Derived { name: "voxel_mm", value: 0.8, how: "twice the mean spacing".into() }],
             stage_s: vec![],
             warnings: vec!["view 3 overlaps too little".into()],
@@ -134,14 +140,18 @@ mod tests {
 
     #[test]
     fn the_result_names_seams_parameters_warnings_and_files() {
-        let source = Source { inputs: vec![], notes: vec!["units: metres".into()] };
+        let source = Source { inputs: vec![], notes: vec!["units: metres".into()], findings: vec![] };
         let output = postprocess(&plan(), &Job::default(), source.clone()).unwrap();
         let text = result(&plan(), &output, &source, Path::new("out"));
         let lines: Vec<&str> = text.lines().collect();
-        let row: Vec<&str> = lines[1].split_whitespace().collect();
+        assert!(
+            lines[0].starts_with("verdict: check") && lines[1].starts_with("tool-not-stated: "),
+            "{text}"
+        );
+        let row: Vec<&str> = lines[3].split_whitespace().collect();
         assert_eq!(row, ["1", "butt-v", "PA", "500.0", "mm", "251", "93%", "0.08", "mm,", "0.50", "deg"]);
-        assert_eq!(lines[2..4], ["units: metres", "voxel_mm = 0.80 (twice the mean spacing)"]);
-        assert_eq!(lines[4], "warning: view 3 overlaps too little");
+        assert_eq!(lines[4..6], ["units: metres", "voxel_mm = 0.80 (twice the mean spacing)"]);
+        assert_eq!(lines[6], "warning: view 3 overlaps too little");
         assert!(lines.contains(&"warning: seam 1: the last 20 mm were seen by one view only"));
         assert!(lines[lines.len() - 1].starts_with("out: path.csv, path.json, path.script, model.ply"));
     }

@@ -9,7 +9,7 @@ use nalgebra::{Isometry3, Point3};
 use png::{BitDepth, ColorType, Decoder};
 
 use super::camera::{Camera, Distortion, Intrinsics, Rays};
-use super::{Error, Options, Scan, memory, name_of, records};
+use super::{CloudFrame, Error, Options, Scan, memory, name_of, records};
 use crate::geometry::cloud::View;
 
 /// What the images of a folder without intrinsics are taken for: the PrimeSense default of Open3D.
@@ -143,6 +143,8 @@ pub(super) fn read_single(bytes: &[u8], path: &Path, options: &Options) -> Resul
         warnings: vec![
             "each step of the depth image is read as 1 mm; if it is another, write a scan.json with depth_scale_m".into(),
         ],
+        doubts: Vec::new(),
+        frame: CloudFrame::Camera,
         inputs: vec![path.into()],
     })
 }

@@ -8,7 +8,7 @@ use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vect
 
 use super::raw::{Positions, Raw};
 use super::units::Unit;
-use super::{Error, Options, Scan, memory, records, view_of};
+use super::{CloudFrame, Error, Options, Scan, memory, records, view_of};
 use crate::geometry::cloud::View;
 
 /// A point needs at least a bit in its packet: this many points to a byte.
@@ -27,8 +27,14 @@ pub(super) fn read(bytes: Vec<u8>, path: &Path, options: &Options) -> Result<Sca
     };
     let mut reader = E57Reader::new(Cursor::new(bytes)).map_err(bad)?;
     let unit = Unit::chosen(options.units).unwrap_or(Unit::Metre);
-    let mut scan =
-        Scan { views: Vec::new(), notes: Vec::new(), warnings: Vec::new(), inputs: vec![path.into()] };
+    let mut scan = Scan {
+        views: Vec::new(),
+        notes: Vec::new(),
+        warnings: Vec::new(),
+        doubts: Vec::new(),
+        frame: CloudFrame::Unknown,
+        inputs: vec![path.into()],
+    };
     scan.notes.push(format!("units: {} (E57 is in metres)", unit.name()));
     if unit != Unit::Metre {
         scan.warnings.push("--units overrules the metres of E57".into());

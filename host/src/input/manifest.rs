@@ -16,8 +16,8 @@ use super::camera::{Camera, Rays};
 use super::depth;
 use super::units::Unit;
 use super::{
-    Error, Options, Scan, direction, name_of, parsed, read_at_most, read_file, transform, translation,
-    view_of,
+    CloudFrame, Doubt, DoubtKind, Error, Options, Scan, direction, name_of, parsed, read_at_most, read_file,
+    transform, translation, view_of,
 };
 use crate::geometry::cloud::View;
 
@@ -72,11 +72,28 @@ enum Frame {
     Camera,
 }
 
+impl Manifest {
+    /// Whose frame the views are put into: without any pose they stay in that of their camera.
+    fn frame(&self) -> CloudFrame {
+        let posed = |entry: &Entry| {
+            let poses = [&entry.base_from_flange, &entry.flange_from_base, &entry.base_from_tcp];
+            entry.frame == Some(Frame::Base) || poses.into_iter().any(Option::is_some)
+        };
+        if self.views.iter().any(posed) { CloudFrame::Base } else { CloudFrame::Camera }
+    }
+}
+
 /// Reads `scan.json` and every file that it names.
 pub(super) fn read(path: &Path, options: &Options) -> Result<Scan, Error> {
     let manifest = load(path)?;
-    let mut scan =
-        Scan { views: Vec::new(), notes: Vec::new(), warnings: Vec::new(), inputs: vec![path.into()] };
+    let mut scan = Scan {
+        views: Vec::new(),
+        notes: Vec::new(),
+        warnings: Vec::new(),
+        doubts: Vec::new(),
+        frame: manifest.frame(),
+        inputs: vec![path.into()],
+    };
     let unit = unit(&manifest, options, &mut scan);
     if !options.allow_outside {
         refuse_outside(&manifest, path)?;
@@ -96,8 +113,9 @@ pub(super) fn read(path: &Path, options: &Options) -> Result<Scan, Error> {
     if scan.views.is_empty() {
         return Err(Error::empty(path, format!("none of its {} views sees anything", manifest.views.len())));
     }
-    warn_of_doubtful(&manifest, &scan.views, &mut scan.warnings);
+    scan.doubts = doubts(&manifest, &scan.views);
     check_direction(&manifest, hand_eye, &mut scan, path)?;
+    scan.warnings.extend(scan.doubts.iter().map(|doubt| doubt.words.clone()));
     Ok(scan)
 }
 
@@ -443,12 +461,14 @@ fn check_direction(
     if found.times() >= direction::REFUSED {
         return Err(Error::malformed(path, names(0), problem, format!("Rename the key to {}", names(1))));
     }
-    scan.warnings.push(problem);
+    scan.doubts.push(Doubt { kind: DoubtKind::Direction, words: problem });
     Ok(())
 }
 
 /// Warns of poses and depths that are possible, but probably in a wrong unit.
-fn warn_of_doubtful(manifest: &Manifest, views: &[View], warnings: &mut Vec<String>) {
+fn doubts(manifest: &Manifest, views: &[View]) -> Vec<Doubt> {
+    let mut doubts = Vec::new();
+    let mut doubt = |kind, words| doubts.push(Doubt { kind, words });
     // A rotation vector is the end of a list of six, or has a name of its own.
     let turned_rad = |pose: &Option<Value>| -> Option<f64> {
         let value = pose.as_ref()?;
@@ -465,14 +485,15 @@ fn warn_of_doubtful(manifest: &Manifest, views: &[View], warnings: &mut Vec<Stri
         poses.into_iter().find(|(_, pose)| turns(pose)).map(|(name, _)| format!("views[{i}].{name}"))
     });
     if let Some(place) = doubtful {
-        warnings.push(format!("{place} turns by more than a whole turn: is it in degrees?"));
+        doubt(DoubtKind::Angles, format!("{place} turns by more than a whole turn: is it in degrees?"));
     }
     let posed = manifest
         .views
         .iter()
         .any(|entry| entry.base_from_flange.is_some() || entry.flange_from_base.is_some());
     if posed && views.iter().all(|view| view.base_from_camera.translation.vector.norm() < 10.0) {
-        warnings.push("all cameras are within 10 mm of the base's origin: check `units` in scan.json".into());
+        let words = "all cameras are within 10 mm of the base's origin: check `units` in scan.json";
+        doubt(DoubtKind::Units, words.into());
     }
     let median_mm = |view: &View| {
         let mut depths: Vec<f32> = view.points_mm.iter().step_by(97).map(|p| p.coords.norm()).collect();
@@ -482,12 +503,14 @@ fn warn_of_doubtful(manifest: &Manifest, views: &[View], warnings: &mut Vec<Stri
     for view in views {
         let depth = median_mm(view);
         if !(20.0..=20_000.0).contains(&depth) {
-            warnings.push(format!(
+            let words = format!(
                 "{} is {depth:.1} mm from its camera at the median: check `units` and `depth_scale_m`",
                 view.name
-            ));
+            );
+            doubt(DoubtKind::DepthScale, words);
         }
     }
+    doubts
 }
 
 #[cfg(test)]

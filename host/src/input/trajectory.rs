@@ -14,7 +14,7 @@ use super::camera::{Camera, Distortion, Rays};
 use super::depth::{self, PRIMESENSE};
 use super::transform::{Fault, from_quaternion, from_rows};
 use super::units::Unit;
-use super::{Error, Options, Scan, direction, manifest, name_of, read_at_most, read_file};
+use super::{CloudFrame, Error, Options, Scan, direction, manifest, name_of, read_at_most, read_file};
 use crate::geometry::cloud::View;
 
 /// Bytes of a trajectory at most: poses of a camera that ran for hours.
@@ -47,7 +47,8 @@ pub(super) fn read_folder(folder: &Path, options: &Options) -> Result<Scan, Erro
     let warnings = overruled.into_iter().chain(assumed).chain(left_out).collect();
     check_direction(&views, &file)?;
     let notes = vec![format!("{} camera poses from {}", images.len(), file.display())];
-    Ok(Scan { views, notes, warnings, inputs: std::iter::once(file).chain(images).collect() })
+    let inputs = std::iter::once(file).chain(images).collect();
+    Ok(Scan { views, notes, warnings, doubts: Vec::new(), frame: CloudFrame::Unknown, inputs })
 }
 
 /// Open3D's name of a file with intrinsics.

@@ -81,25 +81,6 @@ impl Registration {
     }
 }
 
-/// How one view was registered.
-#[derive(Debug, Clone)]
-pub struct ViewReport {
-    /// [`View::name`].
-    pub name: String,
-    /// Share of the overlapping points with a neighbour nearer than 2 mm, at the kinematic pose.
-    pub fitness_before: f64,
-    /// The same after registration.
-    pub fitness_after: f64,
-    /// The same after each iteration.
-    pub fitness_per_iteration: Vec<f64>,
-    /// How far the view was moved: mm at its centroid, degrees.
-    pub moved_mm: f64,
-    /// Rotation of the correction, degrees.
-    pub moved_deg: f64,
-    /// One standard deviation of its position at the work that remains, mm, in the worst direction.
-    pub uncertainty_mm: f64,
-}
-
 /// Fitness S, eq. (20): share of the points that overlap a target whose nearest one is nearer than `near_mm`.
 ///
 /// `nearest_mm2` are the squared distances of those that overlap, mm². Departure: the paper divides by the number of target
@@ -122,33 +103,18 @@ const POOR_OVERLAP: f64 = 0.05;
 const MIN_PATCHES: usize = 100;
 
 impl Registration {
-    /// One report per view.
-    pub fn report(&self, views: &[View]) -> Vec<ViewReport> {
-        views
-            .iter()
-            .enumerate()
-            .map(|(k, view)| {
-                let done = self.base_from_camera[k] * view.base_from_camera.inverse();
-                let (sd_mm, _) = self.loosest(k);
-                ViewReport {
-                    name: view.name.clone(),
-                    fitness_before: self.fitness[k].first().copied().unwrap_or(0.0),
-                    fitness_after: self.fitness[k].last().copied().unwrap_or(0.0),
-                    fitness_per_iteration: self.fitness[k].clone(),
-                    moved_mm: (done * self.centre_mm - self.centre_mm).norm(),
-                    moved_deg: done.rotation.angle().to_degrees(),
-                    uncertainty_mm: sd_mm,
-                }
-            })
-            .collect()
-    }
-
     /// Largest standard deviation of a view's translation at the centre of the work, mm, and its direction.
     pub fn loosest(&self, view: usize) -> (f64, Vector3<f64>) {
         let translation = self.covariance_of(view).fixed_view::<3, 3>(3, 3).into_owned();
         let eigen = translation.symmetric_eigen();
         let k = eigen.eigenvalues.imax();
         (eigen.eigenvalues[k].max(0.0).sqrt(), eigen.eigenvectors.column(k).into_owned())
+    }
+
+    /// Largest standard deviation of a view's rotation about any axis, rad.
+    pub fn loosest_turn_rad(&self, view: usize) -> f64 {
+        let rotation = self.covariance_of(view).fixed_view::<3, 3>(0, 0).into_owned();
+        rotation.symmetric_eigenvalues().max().max(0.0).sqrt()
     }
 
     /// What the user should know about the registration.
@@ -160,7 +126,7 @@ impl Registration {
     }
 
     /// What is wrong with a view of so many patches, if anything.
-    fn complaint(&self, view: usize, patches: usize) -> Option<String> {
+    pub fn complaint(&self, view: usize, patches: usize) -> Option<String> {
         let fitness = self.fitness[view].last().copied().unwrap_or(0.0);
         let percent = |share: f64| 100.0 * share;
         if patches < MIN_PATCHES {

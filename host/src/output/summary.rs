@@ -2,7 +2,8 @@
 
 use serde::Serialize;
 
-use super::feasibility;
+use super::verdict::{Finding, Verdict};
+use super::{feasibility, views};
 use crate::pipeline::{Derived, Plan, ViewReport};
 use crate::robot::feasibility::Report;
 use crate::seam::measure::coverage::Gap;
@@ -23,6 +24,7 @@ pub struct Summary {
     weldpath: &'static str,
     #[serde(flatten)]
     source: Source,
+    verdict: Verdict,
     derived: Vec<Parameter>,
     views: Vec<View>,
     seams: Vec<SeamSummary>,
@@ -39,6 +41,9 @@ pub struct Source {
     pub inputs: Vec<String>,
     /// How they were understood, in words.
     pub notes: Vec<String>,
+    /// What speaks against them; the verdict tells it.
+    #[serde(skip)]
+    pub findings: Vec<Finding>,
 }
 
 #[derive(Debug, Serialize)]
@@ -51,12 +56,16 @@ struct Parameter {
 #[derive(Debug, Serialize)]
 struct View {
     name: String,
+    left_out: Option<String>,
+    position_mm: [f64; 3],
+    base_from_camera_wxyz: [f64; 4],
     fitness_before: Option<f64>,
     fitness_after: Option<f64>,
     fitness_per_iteration: Vec<Option<f64>>,
     moved_mm: Option<f64>,
     moved_deg: Option<f64>,
     uncertainty_mm: Option<f64>,
+    uncertainty_deg: Option<f64>,
 }
 
 #[derive(Debug, Serialize)]
@@ -121,6 +130,7 @@ impl Summary {
             version: VERSION,
             weldpath: env!("CARGO_PKG_VERSION"),
             source,
+            verdict: Verdict::default(),
             derived: plan.derived.iter().map(parameter).collect(),
             views: plan.views.iter().map(view).collect(),
             seams: plan.seams.iter().map(|seam| seam_summary(seam, lines, paths, up)).collect(),
@@ -135,6 +145,17 @@ impl Summary {
     #[must_use]
     pub fn with_feasibility(self, report: Option<&Report>) -> Self {
         Self { feasibility: report.map(feasibility::FeasibilitySummary::new), ..self }
+    }
+
+    /// The same with the verdict.
+    #[must_use]
+    pub fn with_verdict(self, verdict: Verdict) -> Self {
+        Self { verdict, ..self }
+    }
+
+    /// Whether the program may be run.
+    pub fn verdict(&self) -> &Verdict {
+        &self.verdict
     }
 
     /// What the user should know about the run; what concerns one seam stands there.
@@ -161,12 +182,16 @@ fn parameter(derived: &Derived) -> Parameter {
 fn view(report: &ViewReport) -> View {
     View {
         name: report.name.clone(),
+        left_out: report.left_out.clone(),
+        position_mm: views::position_mm(&report.base_from_camera),
+        base_from_camera_wxyz: views::wxyz(&report.base_from_camera),
         fitness_before: finite(report.fitness_before),
         fitness_after: finite(report.fitness_after),
         fitness_per_iteration: report.fitness_per_iteration.iter().copied().map(finite).collect(),
         moved_mm: finite(report.moved_mm),
         moved_deg: finite(report.moved_deg),
         uncertainty_mm: finite(report.uncertainty_mm),
+        uncertainty_deg: finite(report.uncertainty_deg),
     }
 }
 

@@ -93,6 +93,32 @@ pub struct ProgramSetup {
     pub tool: Option<Tool>,
     /// How the arc is switched.
     pub arc: WeldingArc,
+    /// What stands in the head of every program, one line each, beside what the dialect itself says.
+    pub remarks: Vec<String>,
+}
+
+impl ProgramSetup {
+    /// The remarks in plain ASCII and in pieces of at most `most` characters, so that none can end its comment: names of
+    /// files stand in them.
+    fn remark_lines(&self, most: usize) -> Vec<String> {
+        let plain = |c: char| if c == ' ' || c.is_ascii_graphic() { c } else { '?' };
+        let mut lines: Vec<String> = Vec::new();
+        for remark in &self.remarks {
+            let text: String = remark.chars().map(plain).collect();
+            let mut line = String::new();
+            for word in text.split(' ').filter(|word| !word.is_empty()) {
+                let word = &word[..word.len().min(most)];
+                if !line.is_empty() && line.len() + 1 + word.len() > most {
+                    lines.push(std::mem::take(&mut line));
+                }
+                let space = if line.is_empty() { "" } else { " " };
+                line.push_str(space);
+                line.push_str(word);
+            }
+            lines.push(line);
+        }
+        lines
+    }
 }
 
 /// Name of part `index`, counted from 0, of a divided program.

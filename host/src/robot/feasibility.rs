@@ -109,6 +109,13 @@ pub fn assess(program: &Rewelded, model: &PointCloud, setup: &FeasibilitySetup) 
     Report { robot, checks, problems, suggestions }
 }
 
+/// Where the torch alone would touch what was scanned; nothing else is looked at, and nothing is tried.
+pub fn collisions(waypoints: &[Waypoint], model: &PointCloud, torch: Torch) -> Vec<Problem> {
+    let setup = FeasibilitySetup { robot: None, torch, clearance_mm: 0.0 };
+    let checker = Checker { setup: &setup, obstacles: Obstacles::new(model) };
+    checker.problems(waypoints, &checker.checks(waypoints, Depth::Fatal))
+}
+
 /// How much is computed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Depth {

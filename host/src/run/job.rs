@@ -17,6 +17,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::files::reading;
 use crate::input::{Intrinsics, Units};
+use crate::output::verdict::ReasonId;
 use crate::pipeline;
 use crate::robot::arc::WeldingArc;
 use crate::robot::dialect::{Dialect, ProgramSetup};
@@ -65,6 +66,8 @@ pub struct Job {
     pub ratio_threshold: Option<RatioThreshold>,
     /// Whose programs are written.
     pub formats: Formats,
+    /// Reasons of the verdict, by their ids, that stand against running the program and are accepted.
+    pub accept: Vec<ReasonId>,
     /// Which of the seams are welded.
     pub selection: Selection,
     /// In which order the seams are welded.
@@ -331,6 +334,7 @@ impl Job {
             weld_schedule: self.program.weld_schedule.get(),
             tool: self.tool(),
             arc: self.arc(),
+            remarks: Vec::new(),
         }
     }
 }

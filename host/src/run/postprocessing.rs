@@ -4,9 +4,10 @@ use std::collections::BTreeSet;
 
 use crate::files::File;
 use crate::output::summary::{Source, Summary};
-use crate::output::{csv, feasibility as feasibility_csv, json, ply};
+use crate::output::verdict::{Finding, State, Verdict};
+use crate::output::{csv, feasibility as feasibility_csv, json, ply, views};
 use crate::pipeline::Plan;
-use crate::robot::dialect::moves;
+use crate::robot::dialect::{ProgramSetup, moves};
 use crate::robot::feasibility;
 use crate::robot::feasibility::Report;
 use crate::robot::feasibility::suggestion::Change;
@@ -14,6 +15,7 @@ use crate::run::job::layer::{Direction, Weld};
 use crate::run::job::{ASSUMED_TCP_MM, AirMoves, Job, MethodName, Sequence};
 use crate::run::selection;
 use crate::run::selection::select;
+use crate::run::verdict;
 use crate::weld::SeamPath;
 use crate::weld::air::terrain::{Ball, Terrain};
 use crate::weld::air::{End, Surroundings};
@@ -61,7 +63,10 @@ pub const MOST_POINTS: usize = 100_000;
 
 /// Everything that follows from `plan` and `job`; writes nothing.
 pub fn postprocess(plan: &Plan, job: &Job, source: Source) -> Result<Output, Error> {
-    let seams = ordered(select(&plan.paths, &job.selection)?, plan, job)?;
+    let left_out = verdict::left_out(plan, job);
+    let mut selected = select(&plan.paths, &job.selection)?;
+    selected.retain(|path| !left_out.contains(&path.seam));
+    let seams = ordered(selected, plan, job)?;
     let passes: Vec<Pass> =
         seams.iter().flat_map(|(path, weld)| passes(path, weld, job.method, &[])).collect();
     let terrain = terrain(&passes, plan, job);
@@ -74,11 +79,22 @@ pub fn postprocess(plan: &Plan, job: &Job, source: Source) -> Result<Output, Err
     warnings.extend(feasibility.iter().flat_map(Report::warnings));
     let paths: Vec<SeamPath> = passes.into_iter().map(|pass| pass.path).collect();
     let lines: Vec<SeamPath> = seams.into_iter().map(|(path, _)| path).collect();
+    let mut found = source.findings.clone();
+    found.extend(verdict::of_plan(plan, job));
+    found.extend(verdict::tips_inside(&paths, &plan.model));
+    found.extend(problems(&program, plan, job, feasibility.as_ref()));
+    let verdict = Verdict::new(found, &job.accept);
     let summary = Summary::new(plan, source, &lines, &paths, job.order.up.get(), warnings)
-        .with_feasibility(feasibility.as_ref());
+        .with_feasibility(feasibility.as_ref())
+        .with_verdict(verdict);
     let mut files = vec![File::new("path.csv", csv::write(&paths))];
-    files.extend(program_files(&program.waypoints, job)?);
+    if summary.verdict().state != State::Refused {
+        files.extend(program_files(&program.waypoints, job, &summary.verdict().lines())?);
+    }
     files.push(File::new("model.ply", ply::write(&plan.model)));
+    if !plan.views.is_empty() {
+        files.push(File::new("views.json", views::write(&plan.views)));
+    }
     files.push(File::new("job.toml", job.to_toml()));
     files.push(File::new("summary.json", summary.to_json()));
     if let Some(report) = &feasibility {
@@ -87,11 +103,16 @@ pub fn postprocess(plan: &Plan, job: &Job, source: Source) -> Result<Output, Err
     Ok(Output { paths, program, summary, files })
 }
 
-/// The program in every form in which it is written.
-pub fn program_files(waypoints: &[Waypoint], job: &Job) -> Result<Vec<File>, moves::TooLong> {
+/// The program in every form in which it is written, with these remarks in its head.
+pub fn program_files(
+    waypoints: &[Waypoint],
+    job: &Job,
+    remarks: &[String],
+) -> Result<Vec<File>, moves::TooLong> {
     let mut files = vec![File::new("path.json", json::write(waypoints))];
+    let setup = ProgramSetup { remarks: remarks.to_vec(), ..job.program_setup() };
     for dialect in job.formats.0.iter().copied().collect::<BTreeSet<_>>() {
-        files.extend(dialect.write(waypoints, &job.program_setup())?);
+        files.extend(dialect.write(waypoints, &setup)?);
     }
     Ok(files)
 }
@@ -220,6 +241,15 @@ fn feasibility(plan: &Plan, job: &Job, seams: &[(SeamPath, Weld)], terrain: &Ter
         program(&seams.iter().flat_map(run).collect::<Vec<_>>(), terrain).waypoints
     };
     Some(feasibility::assess(&rewelded, &plan.model, &job.feasibility()?))
+}
+
+/// Where torch or arm cannot go; a torch of usual size is held against the scan where the job says nothing of one.
+fn problems(program: &Program, plan: &Plan, job: &Job, feasibility: Option<&Report>) -> Vec<Finding> {
+    let Some(report) = feasibility else {
+        let collisions = feasibility::collisions(&program.waypoints, &plan.model, job.torch_body());
+        return verdict::of_problems(&collisions, "");
+    };
+    verdict::of_problems(&report.problems, report.robot.as_deref().unwrap_or_default())
 }
 
 fn tool_warning(job: &Job) -> Option<String> {

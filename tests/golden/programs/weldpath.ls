@@ -14,23 +14,24 @@ CONTROL_CODE	= 00000000 00000000;
 /MN
    1:  !weldpath, never run on a robot ;
    2:  !Edit Arc Start[2] and CONFIG ;
-   3:  !Set UTOOL 3, mm and degrees ;
-   4:  !X 0.0 W 0.00 ;
-   5:  !Y -50.0 P 28.65 ;
-   6:  !Z 300.0 R 0.00 ;
-   7:  UFRAME_NUM=0 ;
-   8:  UTOOL_NUM=3 ;
-   9:J P[1] 10% FINE ;
-  10:L P[2] 150mm/sec FINE ;
-  11:L P[3] 25mm/sec FINE ;
-  12:  Arc Start[2] ;
-  13:L P[4] 8mm/sec CNT100 ;
-  14:L P[5] 8mm/sec CNT35 ;
-  15:L P[6] 8mm/sec CNT100 ;
-  16:L P[7] 8mm/sec FINE ;
-  17:  Arc End[2] ;
-  18:L P[8] 25mm/sec FINE ;
-  19:L P[9] 150mm/sec FINE ;
+   3:  !verdict: ready ;
+   4:  !Set UTOOL 3, mm and degrees ;
+   5:  !X 0.0 W 0.00 ;
+   6:  !Y -50.0 P 28.65 ;
+   7:  !Z 300.0 R 0.00 ;
+   8:  UFRAME_NUM=0 ;
+   9:  UTOOL_NUM=3 ;
+  10:J P[1] 10% FINE ;
+  11:L P[2] 150mm/sec FINE ;
+  12:L P[3] 25mm/sec FINE ;
+  13:  Arc Start[2] ;
+  14:L P[4] 8mm/sec CNT100 ;
+  15:L P[5] 8mm/sec CNT35 ;
+  16:L P[6] 8mm/sec CNT100 ;
+  17:L P[7] 8mm/sec FINE ;
+  18:  Arc End[2] ;
+  19:L P[8] 25mm/sec FINE ;
+  20:L P[9] 150mm/sec FINE ;
 /POS
 P[1]{
    GP1:

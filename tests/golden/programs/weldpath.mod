@@ -1,6 +1,7 @@
 MODULE weldpath
   ! Written by weldpath. Call weldpath_run. Never run on a controller: try it in RobotStudio first.
   ! Edit: tool, work object (identity: the scan's base frame is wobj0), seam data, weld data.
+  ! verdict: ready
   PERS tooldata weldpath_tool:=[TRUE,[[0.0000,-50.0000,300.0000],[0.96891242,0.00000000,0.24740396,0.00000000]],[2.5,[0.0000,0.0000,0.0010],[1,0,0,0],0,0,0]];
   PERS wobjdata weldpath_wobj:=[FALSE,TRUE,"",[[0,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];
   PERS seamdata weldpath_seam:=[0,0.5,[0,0,0,0,0,0,0,0,0],0,0,0,0,0,[0,0,0,0,0,0,0,0,0],0,0.3,[0,0,0,0,0,0,0,0,0],0,0,[0,0,0,0,0,0,0,0,0],0.5];

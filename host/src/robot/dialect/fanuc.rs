@@ -20,6 +20,8 @@ const MOST_MOVES: usize = 4000;
 /// Time in which the robot comes to a stop from any weld speed, s; `CNT` is a share of it. Assumed, not measured:
 /// with it a blend stays below half a segment on a robot that decelerates as fast or faster.
 const DECELERATION_S: f64 = 0.2;
+/// A remark of a TP program has at most 32 characters.
+const REMARK: usize = 32;
 /// User frame of every position: the robot's world frame.
 const FRAME: u32 = 0;
 
@@ -62,6 +64,7 @@ fn program(name: &str, lines: &[String], positions: &str) -> File {
 fn opening(setup: &ProgramSetup) -> Vec<String> {
     let mut lines = vec!["  !weldpath, never run on a robot".to_owned()];
     lines.push(format!("  !Edit Arc Start[{}] and CONFIG", setup.weld_schedule));
+    lines.extend(setup.remark_lines(REMARK).into_iter().map(|remark| format!("  !{remark}")));
     if let Some(tool) = &setup.tool {
         let [x, y, z] = tool.flange_from_tcp_mm.map(decimal::<1>);
         let [r, p, w] = rotation_vector_to_euler_zyx_deg(tool.flange_from_tcp_rotation_rad).map(decimal::<2>);

@@ -70,6 +70,7 @@ fn main(setup: &ProgramSetup, body: &str) -> String {
         "DEF {name}()\n\
          ; Written by weldpath. Never run on a controller: try it in KUKA.Sim or T1 first.\n\
          ; Edit: tool, base, and the two arc routines below.\n\
+         {}\
          ;FOLD INI\n\
          GLOBAL INTERRUPT DECL 3 WHEN $STOPMESS==TRUE DO IR_STOPM()\n\
          INTERRUPT ON 3\n\
@@ -86,10 +87,16 @@ fn main(setup: &ProgramSetup, body: &str) -> String {
          {body}\
          END\n\
          {}{}",
+        remarks(setup),
         tool(setup),
         arc_on(name, &setup.arc),
         arc_off(name, &setup.arc)
     )
+}
+
+/// Remarks in the head, of lines that the pendant shows whole.
+fn remarks(setup: &ProgramSetup) -> String {
+    setup.remark_lines(76).iter().map(|remark| format!("; {remark}\n")).collect()
 }
 
 fn tool(setup: &ProgramSetup) -> String {

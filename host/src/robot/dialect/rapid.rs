@@ -24,6 +24,9 @@ const TOOL: &str = "tWeldGun";
 /// No arc data of ours: the power source's schedule, if there is one, and nothing else.
 const NO_ARC: &str = "[0,0,0,0,0,0,0,0,0]";
 
+/// Longest line of a remark: the controller's editor shows no more.
+const REMARK: usize = 76;
+
 /// One module, or a main module and its parts.
 pub fn write(waypoints: &[Waypoint], setup: &ProgramSetup) -> Result<Vec<File>, TooLong> {
     let moves = moves(waypoints);
@@ -123,6 +126,9 @@ fn declarations(setup: &ProgramSetup, numbers: &Numbers) -> String {
         "  ! Written by weldpath. Call {name}_run. Never run on a controller: try it in RobotStudio first.\n\
          \x20 ! Edit: tool, work object (identity: the scan's base frame is wobj0), seam data, weld data.\n"
     );
+    for remark in setup.remark_lines(REMARK) {
+        let _ = writeln!(text, "  ! {remark}");
+    }
     text.push_str(&tool(setup));
     let _ = writeln!(
         text,

@@ -16,20 +16,24 @@ use crate::weld::program::Waypoint;
 /// `header.frame_id`.
 pub const FRAME: &str = "base";
 
-/// Both files.
+/// Longest line of a remark.
+const REMARK: usize = 100;
+
+/// Both files; JSON knows no remarks.
 ///
 /// # Errors
 /// None: a list of poses may be of any length.
-pub fn write(waypoints: &[Waypoint], _: &ProgramSetup) -> Result<Vec<File>, TooLong> {
+pub fn write(waypoints: &[Waypoint], setup: &ProgramSetup) -> Result<Vec<File>, TooLong> {
     let moves = moves(waypoints);
-    Ok(vec![File::new("poses.yaml", yaml(&moves)), File::new("poses.json", json(&moves))])
+    Ok(vec![File::new("poses.yaml", yaml(&moves, setup)), File::new("poses.json", json(&moves))])
 }
 
-fn yaml(moves: &[Move]) -> String {
-    let mut text = format!(
-        "# weldpath: geometry_msgs/PoseArray; metres, tool z into the work\n\
-         header:\n  frame_id: {FRAME}\n"
-    );
+fn yaml(moves: &[Move], setup: &ProgramSetup) -> String {
+    let mut text = "# weldpath: geometry_msgs/PoseArray; metres, tool z into the work\n".to_owned();
+    for remark in setup.remark_lines(REMARK) {
+        let _ = writeln!(text, "# {remark}");
+    }
+    text.push_str(&format!("header:\n  frame_id: {FRAME}\n"));
     text.push_str(if moves.is_empty() { "poses: []\n" } else { "poses:\n" });
     for (index, a_move) in moves.iter().enumerate() {
         let ([x, y, z], [qx, qy, qz, qw]) = (position_m(a_move), xyzw(&a_move.base_from_tool));

@@ -18,6 +18,9 @@ use crate::weld::program::Waypoint;
 /// Acceleration of every straight move, m/s².
 const ACCELERATION_M_S2: f64 = 0.5;
 
+/// Longest line of a remark: a screen of the pendant.
+const REMARK: usize = 100;
+
 /// `path.script`, whatever the program's name; it is never divided.
 ///
 /// # Errors
@@ -53,6 +56,9 @@ impl Script {
     }
 
     fn opening(&mut self, setup: &ProgramSetup) {
+        for remark in setup.remark_lines(REMARK) {
+            self.line(format_args!("# {remark}"));
+        }
         match &setup.tool {
             Some(tool) => {
                 let [x, y, z] = tool.flange_from_tcp_mm.map(metres);
@@ -222,8 +228,14 @@ mod tests {
             crater_s: 0.1,
             gas_postflow_s: 0.1,
         };
-        let setup =
-            ProgramSetup { name: "weldpath".into(), tool_number: 1, weld_schedule: 1, tool: None, arc };
+        let setup = ProgramSetup {
+            name: "weldpath".into(),
+            tool_number: 1,
+            weld_schedule: 1,
+            tool: None,
+            arc,
+            remarks: vec![],
+        };
         let script = script(&seam, &setup);
         assert!(!script.contains("True"), "{script}");
     }

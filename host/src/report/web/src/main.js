@@ -114,6 +114,9 @@ function colouring(k) {
   legend();
 }
 
+// Views whose points are in the model, in the order of its colours.
+const used = content.summary.views.filter((v) => v.left_out === null);
+
 // What the colours mean.
 function legend() {
   const css = (c) => `rgb(${c.join(" ")})`;
@@ -126,7 +129,7 @@ function legend() {
     () => ["Height, mm", ramp(stops, number(base + content.heights_mm[0]), number(base + content.heights_mm[1]))],
     () => ["Edge intensity", ramp([`#8b98a8 ${(100 * gate) / (0.5 * content.intensity_full)}%`, ...stops.slice(2)], `0 … ${number(gate)} flat`, `${number(0.5 * content.intensity_full)} and more`)],
     () => ["Normals", el("div", { class: "keys" }, key("#ff8080", "x"), key("#80ff80", "y"), key("#8080ff", "z"))],
-    () => ["Seen by (nearest raw point)", el("div", { class: "keys" }, (content.summary.views.length ? content.summary.views.slice(0, 10) : [{ name: "the cloud" }]).map((v, k) => key(viewColour(k), v.name)))],
+    () => ["Seen by (nearest raw point)", el("div", { class: "keys" }, (used.length ? used.slice(0, 10) : [{ name: "the cloud" }]).map((v, k) => key(viewColour(k), v.name)))],
     () => ["Removed by the filter, mm", ramp(["#2673f2", "#8b98a8", "#f27319"], `−${number(filterScale)} below`, `${number(filterScale)} above`)],
   ];
   $("legend").replaceChildren(...parts[state.colouring]().flat());
@@ -244,6 +247,7 @@ function picture() {
 
 themes();
 panel.head();
+panel.verdict(select);
 panel.tiles();
 panel.warnings(select);
 panel.list(select);

@@ -9,6 +9,8 @@ const { summary } = content;
 const plural = (n, word) => `${n} ${word}${n === 1 ? "" : "s"}`;
 const sum = (values) => values.reduce((a, b) => a + b, 0);
 const known = (values) => values.filter((v) => v !== null && v !== undefined);
+// Views whose points are in the model, in the order of its colours.
+const used = summary.views.filter((v) => v.left_out === null);
 const unitAfter = (unit) => (unit === "°" ? unit : ` ${unit}`);
 
 export function head() {
@@ -20,6 +22,19 @@ export function head() {
     `weldpath ${summary.weldpath}`,
     "base frame, millimetres",
   ].filter(Boolean).join(" · ");
+}
+
+// What may be done with the program, before all else.
+const STATES = { ready: "Ready", check: "Check: a person has to confirm", refused: "Refused: no program is written" };
+
+export function verdict(onSelect) {
+  const { state, reasons } = summary.verdict;
+  const item = (reason) => el("li", { class: reason.accepted ? "accepted" : "" },
+    el("code", {}, reason.id), reason.accepted ? " (accepted) " : " ", sentence(reason.words), " ",
+    seams.some((seam) => seam.id === reason.seam) && el("button", { type: "button", onclick: () => onSelect(reason.seam) }, `seam ${reason.seam}`));
+  $("verdict").hidden = false;
+  $("verdict").classList.add(state);
+  $("verdict").append(el("h2", {}, STATES[state]), reasons.length ? el("ul", {}, reasons.map(item)) : "");
 }
 
 function tile(value, words, state = "") {
@@ -149,7 +164,7 @@ export function charts() {
   const longest = Math.max(...summary.views.map((v) => v.fitness_per_iteration.length), 0);
   if (longest > 1) {
     cards.push(card("Registration: fitness per iteration", "Share of each view's overlap with a partner nearer than 2 mm; 0 is the pose that the robot reported. A line that stays low is a view that does not fit: check its pose, or leave it out.",
-      lines(summary.views.map((v, k) => ({ name: v.name, colour: viewColour(k), points: v.fitness_per_iteration.map((f, i) => [i, f]) })),
+      lines(used.map((v, k) => ({ name: v.name, colour: viewColour(k), points: v.fitness_per_iteration.map((f, i) => [i, f]) })),
         { x: { low: 0, high: longest - 1, label: "iteration" }, y: { low: 0, high: 1, label: "fitness" } })));
   }
   if (intensity.counts.some(Boolean)) {
@@ -188,9 +203,9 @@ export function facts() {
   const thinned = [sample(clouds.model, "model points"), sample(clouds.raw, "raw points"), content.waypoints.length < content.waypoints_of && `${content.waypoints.length} of ${content.waypoints_of} waypoints`].filter(Boolean);
   const parts = [];
   if (summary.views.length) {
-    parts.push(section("Views", "The first view's pose is taken as exact: its own error comes on top of everything here.",
-      table(["view", "#fitness before", "#after", "#moved, mm", "#turned, °", "#uncertainty, mm"], summary.views.map((v, k) => [
-        el("span", {}, el("i", { class: "swatch", style: { background: viewColour(k) } }), v.name),
+    parts.push(section("Views", "The pose of the first view that fits is taken as exact: its own error comes on top of everything here.",
+      table(["view", "#fitness before", "#after", "#moved, mm", "#turned, °", "#uncertainty, mm"], summary.views.map((v) => [
+        el("span", {}, used.includes(v) && el("i", { class: "swatch", style: { background: viewColour(used.indexOf(v)) } }), v.name, v.left_out === null ? "" : " (left out)"),
         number(v.fitness_before), number(v.fitness_after), number(v.moved_mm), number(v.moved_deg), number(v.uncertainty_mm)]))));
   }
   if (summary.derived.length) parts.push(section("Derived from the data", "Nobody typed these.",

@@ -1,0 +1,224 @@
+//! The verdict on a run (ours): whether its programs may be run, what a person must confirm first, or why none are written.
+//!
+//! Every reason has an id that stays the same from version to version; `docs/troubleshooting.md` says what each means and
+//! what to do. A job accepts reasons by their ids, one by one; programs say so in their heads.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// What may be done with the programs of a run, the best first.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum State {
+    /// Nothing is known that speaks against running them.
+    #[default]
+    Ready,
+    /// A person has to confirm the reasons first.
+    Check,
+    /// No program is written.
+    Refused,
+}
+
+impl State {
+    /// The word in files and messages.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Ready => "ready",
+            Self::Check => "check",
+            Self::Refused => "refused",
+        }
+    }
+}
+
+/// The table of reasons: a name, its id in files and options, and what it makes of a plan that does not accept it.
+macro_rules! reasons {
+    ($($(#[$about:meta])* $name:ident => $id:literal, $state:ident;)*) => {
+        /// What may stand against running a plan.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
+        pub enum ReasonId {
+            $($(#[$about])* #[serde(rename = $id)] $name,)*
+        }
+
+        impl ReasonId {
+            /// All of them, the refusals first.
+            pub const ALL: &[Self] = &[$(Self::$name),*];
+
+            /// The id in files, options and messages.
+            pub const fn name(self) -> &'static str {
+                match self {
+                    $(Self::$name => $id,)*
+                }
+            }
+
+            /// What it makes of a plan.
+            pub const fn state(self) -> State {
+                match self {
+                    $(Self::$name => State::$state,)*
+                }
+            }
+        }
+    };
+}
+
+reasons! {
+    /// Fewer than two views agree.
+    ViewsDisagree => "views-disagree", Refused;
+    /// So many views do not fit that the poses are not those of the images.
+    PosesDoNotBelong => "poses-do-not-belong", Refused;
+    /// The views show that the camera is not where the hand-eye transform puts it.
+    HandEyeWrong => "hand-eye-wrong", Refused;
+    /// Points lie where no camera of a robot measures.
+    DepthScale => "depth-scale", Refused;
+    /// The unit of positions cannot be right.
+    Units => "units", Refused;
+    /// The unit of angles cannot be right.
+    Angles => "angles", Refused;
+    /// A transform is given the wrong way round.
+    TransformInverted => "transform-inverted", Refused;
+    /// A cloud in the frame of its camera, for which a robot's program is asked.
+    CameraFrame => "camera-frame", Refused;
+    /// No seam's error is within the limit.
+    ErrorOverLimit => "error-over-limit", Refused;
+    /// A seam is larger than what was scanned.
+    BeyondScan => "beyond-scan", Refused;
+    /// The tip would be inside the work.
+    TipInside => "tip-inside", Refused;
+    /// A view that fits no others is left out.
+    ViewLeftOut => "view-left-out", Check;
+    /// A view could not be registered.
+    ViewUnregistered => "view-unregistered", Check;
+    /// The views turn too little to show an error of the hand-eye transform, or a tool in place of the flange.
+    HandEyeUntested => "hand-eye-untested", Check;
+    /// Nothing says where the robot's base is: a mesh, or a cloud merged elsewhere.
+    FrameUnknown => "frame-unknown", Check;
+    /// The tool is not stated, so that the controller's own setting holds.
+    ToolNotStated => "tool-not-stated", Check;
+    /// A seam whose error is over the limit; it is not welded.
+    SeamUncertain => "seam-uncertain", Check;
+    /// The torch would touch what was scanned.
+    TorchCollision => "torch-collision", Check;
+    /// The arm cannot run the program.
+    Infeasible => "infeasible", Check;
+}
+
+impl std::str::FromStr for ReasonId {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let found = Self::ALL.iter().copied().find(|id| id.name() == text.trim());
+        let known: Vec<&str> = Self::ALL.iter().map(|id| id.name()).collect();
+        found.ok_or_else(|| format!("{text:?} is no reason of a verdict; the ids are {}", known.join(", ")))
+    }
+}
+
+/// Something that stands against running a plan.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Finding {
+    /// What.
+    pub id: ReasonId,
+    /// In words.
+    pub words: String,
+    /// The seam it is about; none for the whole run.
+    pub seam: Option<usize>,
+}
+
+impl Finding {
+    /// Of the whole run.
+    pub fn new(id: ReasonId, words: impl Into<String>) -> Self {
+        Self { id, words: words.into(), seam: None }
+    }
+
+    /// Of one seam.
+    pub fn of_seam(id: ReasonId, seam: usize, words: impl Into<String>) -> Self {
+        Self { id, words: words.into(), seam: Some(seam) }
+    }
+}
+
+/// One reason of a verdict.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Reason {
+    /// Which.
+    pub id: ReasonId,
+    /// What was found, in words.
+    pub words: String,
+    /// The seam it is about; none for the whole run.
+    pub seam: Option<usize>,
+    /// Whether the job accepts it.
+    pub accepted: bool,
+}
+
+impl Reason {
+    /// The id, whether it is accepted, and the words, in one line.
+    pub fn line(&self) -> String {
+        let seam = self.seam.map(|id| format!("seam {id}: ")).unwrap_or_default();
+        let accepted = if self.accepted { " (accepted)" } else { "" };
+        format!("{}{accepted}: {seam}{}", self.id.name(), self.words)
+    }
+}
+
+/// The verdict with its reasons, the gravest first.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct Verdict {
+    /// What may be done.
+    pub state: State,
+    /// Why; of one that is ready only what the job accepts.
+    pub reasons: Vec<Reason>,
+}
+
+impl Verdict {
+    /// From what stands against a plan, and what of it the job accepts.
+    pub fn new(found: impl IntoIterator<Item = Finding>, accepted: &[ReasonId]) -> Self {
+        let reason =
+            |Finding { id, words, seam }| Reason { id, words, seam, accepted: accepted.contains(&id) };
+        let mut reasons: Vec<Reason> = found.into_iter().map(reason).collect();
+        reasons.sort_by_key(|reason| (reason.accepted, std::cmp::Reverse(reason.id.state())));
+        let open = reasons.iter().filter(|reason| !reason.accepted);
+        Self { state: open.map(|reason| reason.id.state()).max().unwrap_or_default(), reasons }
+    }
+
+    /// The verdict in lines: the state, then every reason with its id.
+    pub fn lines(&self) -> Vec<String> {
+        let state = match self.state {
+            State::Ready => "verdict: ready",
+            State::Check => "verdict: check, a person has to confirm:",
+            State::Refused => "verdict: refused, no program is written:",
+        };
+        std::iter::once(state.to_owned()).chain(self.reasons.iter().map(Reason::line)).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn verdict(ids: &[ReasonId], accepted: &[ReasonId]) -> Verdict {
+        Verdict::new(ids.iter().map(|id| Finding::new(*id, "why")), accepted)
+    }
+
+    #[test]
+    fn nothing_against_it_is_ready_and_the_gravest_reason_decides() {
+        assert_eq!(verdict(&[], &[]).state, State::Ready);
+        assert_eq!(verdict(&[ReasonId::ToolNotStated], &[]).state, State::Check);
+        let both = verdict(&[ReasonId::ToolNotStated, ReasonId::ViewsDisagree], &[]);
+        assert_eq!(both.state, State::Refused);
+        assert_eq!(both.reasons[0].id, ReasonId::ViewsDisagree);
+    }
+
+    #[test]
+    fn accepting_one_reason_leaves_the_others() {
+        let ids = [ReasonId::ToolNotStated, ReasonId::ViewsDisagree];
+        assert_eq!(verdict(&ids, &[ReasonId::ViewsDisagree]).state, State::Check);
+        assert_eq!(verdict(&ids, &[ReasonId::ToolNotStated]).state, State::Refused);
+        assert_eq!(verdict(&ids, &ids).state, State::Ready);
+        assert!(verdict(&ids, &ids).lines()[1].contains("(accepted)"));
+    }
+
+    #[test]
+    fn every_id_reads_back() {
+        for id in ReasonId::ALL {
+            assert_eq!(id.name().parse(), Ok(*id));
+            assert_eq!(serde_json::to_value(id).unwrap(), id.name());
+        }
+        assert!("view".parse::<ReasonId>().unwrap_err().contains("views-disagree"));
+    }
+}
