@@ -8,6 +8,7 @@ use std::path::Path;
 use weldpath::input;
 use weldpath::lab::evaluation::{Options, PathSet, Score, Truth, score};
 use weldpath::lab::simulation::{Request, simulate, write};
+use weldpath::output::verdict::ReasonId;
 use weldpath::pipeline::{self, Plan};
 use weldpath::run::job::Job;
 use weldpath::run::postprocessing::postprocess;
@@ -74,8 +75,10 @@ fn plan(folder: &Path) -> Result<Plan, pipeline::PlanError> {
 }
 
 /// The paths as they stand in path.csv.
+/// All seams that were found, also those that the verdict would not weld: where they are is what is measured here.
 fn written(plan: &Plan) -> PathSet {
-    let output = postprocess(plan, &Job::default(), Default::default()).expect("nothing is selected");
+    let job = Job { accept: vec![ReasonId::SeamUncertain], ..Job::default() };
+    let output = postprocess(plan, &job, Default::default()).expect("nothing is selected");
     let csv = output.files.iter().find(|file| file.name == "path.csv").expect("path.csv");
     PathSet::parse(&csv.bytes, Path::new("path.csv")).expect("path.csv is read back")
 }

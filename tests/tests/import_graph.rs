@@ -22,10 +22,6 @@ const CIRCLES: &[(&str, &str)] = &[
     ("model/agreement", "which views fit, which its parts judge and describe"),
     ("model/reconstruction", "settings and result of the registration that the solver fills"),
     ("pipeline", "settings, clock and error of the method, for the search over voxel sizes"),
-    (
-        "robot/dialect",
-        "settings and the name of a program, for each dialect that the file above chooses from",
-    ),
     ("robot/feasibility", "the check of a waypoint, and what is wrong with it"),
     ("run/job", "the job whose mistakes the refusals name"),
     ("run/refit", "bounds of the search, said once for all of its steps"),
@@ -36,7 +32,6 @@ const CIRCLES: &[(&str, &str)] = &[
     ("report/picture", "the projection that the pixels are drawn in"),
     ("weld/air", "the pose of the torch and the end of a way, for the search across the terrain"),
     ("cli", "exit codes and failures of all subcommands; the file above chooses between them"),
-    ("seam", "the seam's own words stand in the file that finds it"),
 ];
 
 /// Circles between files that are not a file and its parts; empty when every room is in order.

@@ -274,7 +274,8 @@ fn a_job_at_the_ends_of_its_ranges_is_refused_by_the_number_of_its_points() {
         postprocess(&plans::pipe_and_bend(), &job, Default::default())
     };
     assert!(written(weave).is_ok(), "one pass");
-    let error = written(&format!("{weave}{}", "[[pass]]\n".repeat(16))).expect_err("too many").to_string();
+    let longer = weave.replace("[weave]", "extend_start_mm = 1000\nextend_end_mm = 1000\n[weave]");
+    let error = written(&format!("{longer}{}", "[[pass]]\n".repeat(16))).expect_err("too many").to_string();
     let mut numbers = error.split_whitespace().filter_map(|word| word.parse::<usize>().ok()).skip(1);
     assert!(numbers.next().is_some_and(|points| points > MOST_POINTS), "{error}");
     assert_eq!(numbers.next(), Some(MOST_POINTS), "{error}");

@@ -25,7 +25,9 @@ const SEAMLESS: &[&str] = &[
 ];
 
 fn read(path: &Path, units: Units) -> Scan {
-    input::read(path, &input::Options { units, ..Default::default() })
+    // Images without a camera are taken for those of the PrimeSense that most of them are from.
+    let intrinsics = Some("525,525,319.5,239.5".parse().expect("a camera"));
+    input::read(path, &input::Options { units, intrinsics, ..Default::default() })
         .unwrap_or_else(|error| panic!("{error}"))
 }
 

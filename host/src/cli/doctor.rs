@@ -8,7 +8,7 @@ use weldpath::input;
 use weldpath::lab::evaluation::{self, PathSet, Truth};
 use weldpath::lab::simulation::{self, Part, Request};
 use weldpath::output::csv;
-use weldpath::pendant::emulator;
+use weldpath::pendant::{emulator, serial};
 use weldpath::pipeline;
 
 use super::{Exit, Failure, print};
@@ -76,26 +76,12 @@ fn readers() -> String {
     }
 }
 
-#[cfg(feature = "serial")]
 fn ports() -> String {
-    match serialport::available_ports() {
+    match serial::ports() {
         Ok(ports) if ports.is_empty() => "no serial port: no pendant is plugged in".into(),
-        Ok(ports) => {
-            let described = |port: &serialport::SerialPortInfo| match &port.port_type {
-                serialport::SerialPortType::UsbPort(usb) => {
-                    format!("{} ({})", port.port_name, usb.product.as_deref().unwrap_or("USB"))
-                }
-                _ => port.port_name.clone(),
-            };
-            ports.iter().map(described).collect::<Vec<_>>().join(", ")
-        }
-        Err(error) => format!("cannot be listed: {error}"),
+        Ok(ports) => ports.join(", "),
+        Err(error) => error.to_string(),
     }
-}
-
-#[cfg(not(feature = "serial"))]
-fn ports() -> String {
-    "left out of this build (--features serial)".into()
 }
 
 fn qemu() -> String {

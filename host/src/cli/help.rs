@@ -46,6 +46,10 @@ const EXAMPLES: &[(&str, &[(&str, &str)])] = &[
         ],
     ),
     ("refit", &[("weldpath refit out new_scan --out refitted", "the saved program, where the part is now")]),
+    (
+        "doctor",
+        &[("weldpath doctor", "what this machine has, and whether a small simulated piece comes out right")],
+    ),
     ("schema", &[("weldpath schema > job.schema.json", "for an editor that completes and checks job files")]),
     (
         "evaluate",

@@ -28,6 +28,9 @@ const POSE_DEG: f64 = 0.5;
 const MOST_THROUGH: f64 = 0.10;
 /// Share of a view's overlapping patches that lie on other views: below it the view lies on nothing.
 const LEAST_FITNESS: f64 = 0.5;
+/// Share of a view's patches near those of others below which their fitness tells nothing: that such a view could not be
+/// registered is said by the registration.
+const LEAST_OVERLAP: f64 = 0.05;
 /// Patches of a view that are asked.
 const ASKED: usize = 3000;
 /// Fewer judged patches than this tell nothing about a pair of views.
@@ -168,7 +171,10 @@ impl Agreement {
     ) -> Option<(usize, Misfit)> {
         let moved = self.moved(views, config);
         let through = through(self, patches);
-        let fitness = |k: usize| self.registration.fitness[k].last().copied().unwrap_or(1.0);
+        let fitness = |k: usize| {
+            let last = self.registration.fitness[k].last().copied();
+            last.filter(|_| self.registration.overlap[k] >= LEAST_OVERLAP).unwrap_or(1.0)
+        };
         let misfits = (0..self.kept.len()).flat_map(|k| {
             let (shift_mm, turn_deg) = moved[k];
             let (share, fitness) = (through[k], fitness(k));

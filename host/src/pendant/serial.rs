@@ -96,6 +96,30 @@ impl FromStr for Address {
     }
 }
 
+/// The serial ports of this machine, with what is plugged in where USB tells.
+///
+/// # Errors
+/// What the system says, or that this build has no serial ports.
+#[cfg(feature = "serial")]
+pub fn ports() -> std::io::Result<Vec<String>> {
+    let described = |port: serialport::SerialPortInfo| match port.port_type {
+        serialport::SerialPortType::UsbPort(usb) => {
+            format!("{} ({})", port.port_name, usb.product.as_deref().unwrap_or("USB"))
+        }
+        _ => port.port_name,
+    };
+    Ok(serialport::available_ports()?.into_iter().map(described).collect())
+}
+
+/// The serial ports of this machine: none that this build could open.
+///
+/// # Errors
+/// Always: that this build has no serial ports.
+#[cfg(not(feature = "serial"))]
+pub fn ports() -> std::io::Result<Vec<String>> {
+    Err(std::io::Error::new(std::io::ErrorKind::Unsupported, "this build has no serial ports"))
+}
+
 /// Opens the line; `baud` counts for a real serial port only.
 pub fn open(address: &Address, baud: u32) -> Result<Line, Error> {
     let opened = match address {

@@ -96,11 +96,13 @@ mod tests {
     use super::*;
     use nalgebra::{Translation3, UnitQuaternion};
 
-    /// Five cameras that look at the origin from 400 mm, on a cone of this half angle.
-    fn cameras(half_deg: f64) -> Vec<Isometry3<f64>> {
+    /// Five cameras 400 mm from the origin, leaning by about this much. On one cone a shift along its axis would move all
+    /// of them alike, which nothing could tell from a motion of everything.
+    fn cameras(lean_deg: f64) -> Vec<Isometry3<f64>> {
         let one = |k: usize| {
             let about = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), 1.25 * k as f64);
-            let lean = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), half_deg.to_radians());
+            let own_deg = lean_deg * [1.0, 0.2, 1.2, 0.5, 1.4][k];
+            let lean = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), own_deg.to_radians());
             let turn = about * lean;
             Isometry3::from_parts(Translation3::from(turn * Vector3::z() * 400.0), turn)
         };
