@@ -100,7 +100,7 @@ fn nothing_but_the_message_is_printed_without_a_terminal() {
 #[test]
 fn a_simulated_scan_is_read_by_plan() {
     let home = home();
-    let simulate = ["simulate", "--part", "box", "--views", "2", "--size", "160x120", "--out", "scan"];
+    let simulate = ["simulate", "--part", "box", "--views", "2", "--size", "320x240", "--out", "scan"];
     let output = weldpath(home.path(), &simulate);
     assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
     assert!(String::from_utf8_lossy(&output.stdout).contains("2 views, 0 seams"));

@@ -46,10 +46,7 @@ const EXAMPLES: &[(&str, &[(&str, &str)])] = &[
         ],
     ),
     ("refit", &[("weldpath refit out new_scan --out refitted", "the saved program, where the part is now")]),
-    (
-        "doctor",
-        &[("weldpath doctor", "what this machine has, and whether a small simulated piece comes out right")],
-    ),
+    ("doctor", &[("weldpath doctor > doctor.txt", "to send along with a question")]),
     ("schema", &[("weldpath schema > job.schema.json", "for an editor that completes and checks job files")]),
     (
         "evaluate",
