@@ -8,6 +8,8 @@
 # and a toolchain for the Cortex-M4F. As root on Debian it fetches what is missing by apt-get and prints what; otherwise it prints the command.
 set -eu
 cd "$(dirname "$0")/.."
+# What is compiled once needs no store for the next time: it would double the room on the disk.
+export CARGO_INCREMENTAL="${CARGO_INCREMENTAL:-0}"
 # Names a part, and at the end says how long each took.
 begun=$(date +%s)
 parts=
