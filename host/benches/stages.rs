@@ -15,7 +15,7 @@ use weldpath::input;
 use weldpath::model::denoising;
 use weldpath::model::denoising::bilateral;
 use weldpath::model::downsampling;
-use weldpath::model::downsampling::voxel_grid;
+use weldpath::model::downsampling::{Occupancy, voxel_grid};
 use weldpath::model::normals;
 use weldpath::model::normals::pointwise;
 use weldpath::model::reconstruction;
@@ -119,7 +119,7 @@ fn spatial_index(bencher: Bencher, case: Case) {
 fn voxel_grid_with_normals(bencher: Bencher, case: Case) {
     let views = [view(clouds::butt_joint(case.0))];
     let merged = Merged::new(&views, &[views[0].base_from_camera]);
-    run(bencher, case, || voxel_grid(&merged, 1.2, 1));
+    run(bencher, case, || voxel_grid(&merged, 1.2, Occupancy::of(1)));
 }
 
 #[divan::bench(args = CASES)]
@@ -192,7 +192,7 @@ fn seam(bencher: Bencher, case: Case) {
     let merged = Merged::new(&views, &[views[0].base_from_camera]);
     let patches = normals::of_views(&views, &normals::NormalsConfig::default());
     let scale = downsampling::Scale::of(&merged, &patches, &downsampling::VoxelConfig::default());
-    let voxels = voxel_grid(&merged, scale.edge_mm, scale.least);
+    let voxels = voxel_grid(&merged, scale.edge_mm, scale.occupancy());
     let model = bilateral(&voxels.cloud, &scale.bilateral());
     let raw = Grid::new(&merged.points_mm, pipeline::RAW_CELL_MM);
     let reach_mm = seam::INDEX_VOXELS * scale.edge_mm;

@@ -53,6 +53,6 @@ fn model(views: &[View]) -> (PointCloud, f32) {
     let registration = reconstruction::register(views, &patches, &config.reconstruction);
     let merged = Merged::new(views, &registration.base_from_camera);
     let scale = Scale::of(&merged, &patches, &config.downsampling);
-    let voxels = voxel_grid(&merged, scale.edge_mm, scale.least);
+    let voxels = voxel_grid(&merged, scale.edge_mm, scale.occupancy());
     (denoising::bilateral(&voxels.cloud, &scale.bilateral()), scale.edge_mm)
 }

@@ -5,9 +5,10 @@
 
 use std::path::Path;
 
+use nalgebra::Point3;
 use weldpath::input;
 use weldpath::lab::evaluation::{Options, PathSet, Score, Truth, score};
-use weldpath::lab::simulation::{Request, simulate, write};
+use weldpath::lab::simulation::{Format, MeshRequest, Request, simulate, simulate_mesh, write};
 use weldpath::output::verdict::ReasonId;
 use weldpath::pipeline::{self, Plan};
 use weldpath::run::job::Job;
@@ -180,6 +181,50 @@ fn webs_that_cross_end_each_others_seams() {
     // Eight along the foot and four upright; a seam that went on through a web would be 60 degrees off there.
     assert_eq!(plan.seams.len(), 12);
     assert!(scored.coverage > 0.97 && scored.rmse_deg.is_some_and(|deg| deg < 0.7));
+}
+
+/// Triangles of a box, mm.
+fn block(low: [f64; 3], high: [f64; 3]) -> Vec<[Point3<f64>; 3]> {
+    let at = |k: usize| Point3::from([0, 1, 2].map(|axis| if k >> axis & 1 == 0 { low } else { high }[axis]));
+    let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    quads.iter().flat_map(|[a, b, c, d]| [[at(*a), at(*b), at(*c)], [at(*a), at(*c), at(*d)]]).collect()
+}
+
+/// At the distance from which a big part is seen whole, a view puts one or two points in a voxel of a face.
+#[test]
+fn both_sides_and_the_ends_of_ribs_are_found_at_working_distance() {
+    let plate = block([0.0, 0.0, 0.0], [320.0, 220.0, 10.0]);
+    let ribs = [
+        ([40.0, 50.0, 10.0], [200.0, 58.0, 60.0]),
+        ([60.0, 120.0, 10.0], [180.0, 132.0, 45.0]),
+        ([230.0, 40.0, 10.0], [244.0, 180.0, 55.0]),
+    ];
+    let ribs = ribs.into_iter().flat_map(|(low, high)| block(low, high));
+    for seed in [3, 5] {
+        let request = MeshRequest {
+            name: "ribs".into(),
+            triangles: plate.iter().copied().chain(ribs.clone()).collect(),
+            welds: None,
+            views: 8,
+            noise: "mid".parse().expect("a noise"),
+            seed,
+            size_px: [640, 480],
+            distance_mm: None,
+            format: Format::Png,
+        };
+        let scratch = tempfile::tempdir().expect("a folder");
+        write(&simulate_mesh(&request).expect("a scan"), scratch.path()).expect("a folder");
+        let truth = truth(&scratch.path().join("truth.json"));
+        let plan = plan(scratch.path()).unwrap_or_else(|error| panic!("{error}"));
+        let scored = score(&written(&plan), &truth, &Options::default());
+        println!("ribs: {:?} mm, {}, {} false", scored.rmse_mm, scored.coverage, scored.false_share);
+        assert!(
+            scored.coverage > 0.95 && scored.false_share < 0.02 && scored.rmse_mm.is_some_and(|mm| mm < 0.4)
+        );
+        // Four ends are 12 and 14 mm long, and one of them hardly shows.
+        let ends = plan.seams.iter().filter(|seam| (10.0..16.0).contains(&seam.length_mm())).count();
+        assert!(ends >= 3, "{ends} ends");
+    }
 }
 
 #[test]

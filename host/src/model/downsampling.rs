@@ -28,6 +28,23 @@ impl Default for VoxelConfig {
     }
 }
 
+/// Which voxels are kept: those that hold enough points to be no flying pixels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Occupancy {
+    /// Points of a voxel that is kept whatever surrounds it.
+    pub least: u32,
+    /// Whether a view that looks straight at a face rarely puts as many there. Then a face that few views saw, or that they saw at
+    /// a slant, is known by its even spread: a voxel is kept that holds what its neighbours do.
+    pub thin: bool,
+}
+
+impl Occupancy {
+    /// Every voxel that holds so many points, and no other.
+    pub fn of(least: u32) -> Self {
+        Self { least, thin: false }
+    }
+}
+
 /// Sizes that follow from the data.
 #[derive(Debug, Clone, Copy)]
 pub struct Scale {
@@ -60,7 +77,8 @@ impl Scale {
         let (edge_mm, how) = sizes.into_iter().max_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((1.0, "fixed"));
         let edge_mm = edge_mm.max(1e-3);
         // A voxel of a surface that one view saw holds about this many points.
-        let usual = (edge_mm / spacing_mm.max(1e-6)).powi(2) * (merged.cameras_mm.len() as f32).sqrt();
+        let usual =
+            (edge_mm / spacing_mm.max(LEAST_SPACING_MM)).powi(2) * (merged.cameras_mm.len() as f32).sqrt();
         let least = if usual > 4.5 {
             3
         } else if usual > 3.0 {
@@ -69,6 +87,11 @@ impl Scale {
             1
         };
         Self { edge_mm, least, spacing_mm, noise_mm, how }
+    }
+
+    /// Which voxels of this size are kept.
+    pub fn occupancy(&self) -> Occupancy {
+        Occupancy { least: self.least, thin: self.edge_mm < THIN_SPACINGS * self.spacing_mm }
     }
 
     /// The same cloud in voxels `factor` times as large.
@@ -85,6 +108,18 @@ impl Scale {
         }
     }
 }
+
+/// Edge of a voxel, in spacings of a view, below which a face is thin. Pixels lie in rows and columns: of the voxels of a face
+/// that is looked at straight, fewer than a quarter then hold two by two, and the others one or two.
+const THIN_SPACINGS: f32 = 1.5;
+/// A spacing this small is none to divide by, mm.
+const LEAST_SPACING_MM: f32 = 1e-6;
+/// Share of the points of its fullest neighbour that a voxel of one surface holds: of the one or two points that a voxel
+/// of a thin surface expects, half is the least that is not none, and what flies off a dense surface is less.
+const EVEN_SHARE: f32 = 0.5;
+/// Points in a voxel and its 26 neighbours, of which a plane crosses nine or more: one in every second of these. What one
+/// view sees at 60 degrees to the normal is as thin, and flying pixels, strewn along rays, are thinner.
+const LEAST_AROUND: f32 = 5.0;
 
 /// Radius of the bilateral filter, and deviation of its weight by distance, voxels. Chosen on the simulated scans; the paper
 /// gives none.
@@ -148,11 +183,11 @@ pub fn centroids(points: &[Point3<f32>], edge_mm: f32) -> Vec<Point3<f32>> {
     (0..cells.len()).map(|k| cells.centroid(k)).collect()
 }
 
-/// Thins a cloud to one point per voxel of `edge_mm` that holds at least `least` points.
-pub fn voxel_grid(merged: &Merged, edge_mm: f32, least: u32) -> Voxels {
+/// Thins a cloud to one point per voxel of `edge_mm` that is kept.
+pub fn voxel_grid(merged: &Merged, edge_mm: f32, occupancy: Occupancy) -> Voxels {
     let cells = Cells::new(&merged.points_mm, edge_mm);
     let given = given_normals(merged, &cells);
-    let kept: Vec<usize> = (0..cells.len()).filter(|&k| cells.moments[k].count >= least as f32).collect();
+    let kept = kept(&cells, occupancy);
     let points_mm: Vec<Point3<f32>> = kept.par_iter().map(|&k| cells.centroid(k)).collect();
     let sums = cells.sums();
     let sights = sights(merged, &cells, &kept, &points_mm);
@@ -175,6 +210,27 @@ pub fn voxel_grid(merged: &Merged, edge_mm: f32, least: u32) -> Voxels {
         view: sights.iter().map(|seen| seen.most.0).collect(),
         edge_mm: cells.cell_mm(),
     }
+}
+
+/// The voxels that are kept.
+fn kept(cells: &Cells, occupancy: Occupancy) -> Vec<usize> {
+    let least = occupancy.least as f32;
+    let holds = |k: usize| cells.moments[k].count;
+    let is_kept = |&k: &usize| {
+        if holds(k) >= least {
+            return true;
+        }
+        if !occupancy.thin {
+            return false;
+        }
+        let (mut sum, mut most) = (0.0, 0.0f32);
+        cells.for_each_around(k, |other| {
+            sum += holds(other);
+            most = most.max(holds(other));
+        });
+        sum >= LEAST_AROUND && holds(k) >= EVEN_SHARE * most
+    };
+    (0..cells.len()).into_par_iter().filter(is_kept).collect()
 }
 
 fn facing(normal: Vector3<f32>, toward: &Vector3<f32>) -> Vector3<f32> {
@@ -265,7 +321,7 @@ mod tests {
         let view = vec![0, 0, 0, 1, 1, 2, 2];
         let cameras_mm = [[0.0, 0.0, 100.0], [100.0, 0.0, 0.0], [0.0, 100.0, 0.0]].map(Point3::from).to_vec();
         let merged = Merged { points_mm: vec![Point3::origin(); 7], view, cameras_mm, ..Merged::default() };
-        let voxels = voxel_grid(&merged, 1.0, 1);
+        let voxels = voxel_grid(&merged, 1.0, Occupancy::of(1));
         assert_eq!(voxels.view, [0]);
         assert!((voxels.toward_camera[0] - Vector3::new(2.0, 2.0, 3.0).normalize()).norm() < 1e-6);
     }
@@ -281,5 +337,35 @@ mod tests {
         assert_eq!(found.len(), 3);
         assert!(found.iter().zip(&expected).all(|(a, b)| (a - b).norm() < 1e-6), "{found:?}");
         assert!(centroids(&[], 1.0).is_empty());
+    }
+
+    #[test]
+    fn a_thin_surface_is_kept_and_what_flies_off_a_dense_one_is_not() {
+        // A point to a voxel on the left, four on the right, and single ones 3 and 8 mm above the middle of each.
+        let (mut thin, mut dense) = (Vec::new(), Vec::new());
+        for k in 0..100u8 {
+            let (x, y) = (f32::from(k % 10) + 0.5, f32::from(k / 10) + 0.5);
+            thin.push(Point3::new(x, y, 0.5));
+            let quarters = [[-0.25, -0.25], [0.25, -0.25], [-0.25, 0.25], [0.25, 0.25]];
+            dense.extend(quarters.map(|[u, v]| Point3::new(20.0 + x + u, y + v, 0.5)));
+        }
+        let strays = [[5.5, 5.5, 3.5], [5.5, 5.5, 8.5], [25.5, 5.5, 1.5], [25.5, 5.5, 8.5]].map(Point3::from);
+        let points_mm = [vec![Point3::origin()], thin, dense, strays.to_vec()].concat();
+        let merged = Merged {
+            view: vec![0; points_mm.len()],
+            cameras_mm: vec![Point3::new(0.0, 0.0, 300.0)],
+            points_mm,
+            ..Merged::default()
+        };
+        let kept = |occupancy| {
+            let voxels = voxel_grid(&merged, 1.0, occupancy).cloud.points_mm;
+            let on =
+                |from: f32| voxels.iter().filter(|p| p.x > from && p.x < from + 15.0 && p.z < 1.0).count();
+            (on(0.0), on(15.0), voxels.iter().filter(|p| p.z > 1.0).count())
+        };
+        assert_eq!(kept(Occupancy::of(3)), (0, 100, 0));
+        let (thin, dense, strays) = kept(Occupancy { least: 3, thin: true });
+        // Three corners of the thin surface hold four points with their neighbours, which is too few; the fourth has the origin.
+        assert_eq!((thin, dense, strays), (97, 100, 0));
     }
 }

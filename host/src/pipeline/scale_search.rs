@@ -137,7 +137,7 @@ impl ScaleSearch<'_> {
     /// The cloud thinned to voxels of one size, filtered, and indexed.
     fn model(&self, scale: &Scale, clock: &mut Clock, observer: &mut impl Observer) -> Model {
         let mut voxels = clock.stage("downsampling", observer, || {
-            downsampling::voxel_grid(self.merged, scale.edge_mm, scale.least)
+            downsampling::voxel_grid(self.merged, scale.edge_mm, scale.occupancy())
         });
         if self.config.method != Method::Weldpath {
             voxels.fit_around_points(scale.bilateral().radius_mm);

@@ -101,7 +101,7 @@ pub fn cloud(views: &[View]) -> PointCloud {
         reconstruction::register(views, &patches, &reconstruction::ReconstructionConfig::default());
     let merged = Merged::new(views, &registration.base_from_camera);
     let scale = downsampling::Scale::of(&merged, &patches, &downsampling::VoxelConfig::default());
-    let mut voxels = downsampling::voxel_grid(&merged, scale.edge_mm, scale.least);
+    let mut voxels = downsampling::voxel_grid(&merged, scale.edge_mm, scale.occupancy());
     if !views.iter().all(View::tells_orientation) {
         let normals = orientation::propagated(&voxels);
         voxels.turn(normals);

@@ -9,7 +9,7 @@ use super::measure::{fitup, joint};
 use super::ordering::{mark_branches, order};
 use super::refine::{RefineConfig, Refined, expected, layers, overlap, rounds};
 use super::score::edges;
-use super::trace::chain::{self, TraceConfig};
+use super::trace::chain::{self, TraceConfig, Traced};
 use super::trace::corner::{self, CornerConfig};
 use super::trace::step::{self, StepConfig};
 use super::trace::support::{self, Support};
@@ -51,7 +51,9 @@ pub fn find(input: &Input, config: &SeamConfig) -> Found {
     let v = input.model.voxel_mm();
     let scores = edges::score(&input.model);
     let table = support::find(input.model.voxels);
-    let corners = Corners::parted(corner::corners(&input.model, &scores, &config.corner), |c| {
+    let third_face = config.corner.third_face && input.scan.merged.cameras_mm.len() > 1;
+    let corner_config = CornerConfig { third_face, ..config.corner };
+    let corners = Corners::parted(corner::corners(&input.model, &scores, &corner_config), |c| {
         table.is_some_and(|t| c.faces.iter().any(|face| t.is_face(face, &c.position)))
     });
     let seams = corner_seams(input, &corners, config);
@@ -121,7 +123,10 @@ impl Corners {
 
 fn traced(input: &Input, corners: &[InsideCorner], config: &TraceConfig) -> Vec<Chain> {
     let (model, voxel_mm) = (input.model.index, input.model.voxel_mm());
-    splice::joined(chain::trace(corners, model, voxel_mm, config), model, voxel_mm)
+    let Traced { chains, short } = chain::trace(corners, model, voxel_mm, config);
+    let chains = splice::joined(chains, model, voxel_mm);
+    let round_corners = splice::round_corners(short, &chains, voxel_mm);
+    chains.into_iter().chain(round_corners).collect()
 }
 
 /// Seams where two faces meet in an inside corner, sure or not.

@@ -52,7 +52,7 @@ pub(super) fn curves(piece: &Piece, plan: &Plan) -> Curves {
     let registration = reconstruction::register(views, &patches, &config.reconstruction);
     let merged = Merged::new(views, &registration.base_from_camera);
     let scale = Scale::of(&merged, &patches, &config.downsampling);
-    let voxels = voxel_grid(&merged, scale.edge_mm, scale.least);
+    let voxels = voxel_grid(&merged, scale.edge_mm, scale.occupancy());
     let filtered = denoising::bilateral(&voxels.cloud, &scale.bilateral());
     let truth = piece.truth.visible_mm(Target::Apex);
     let thresholds: Vec<f64> = (0..=STEPS).map(|k| LEAST * STEP.powi(k)).collect();

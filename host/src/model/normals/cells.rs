@@ -64,6 +64,26 @@ impl Cells {
         own.map(|(&at, own)| Sums::new(at, own, self.rows.cell_mm)).collect()
     }
 
+    /// Visits a cell and its occupied neighbours among the 26.
+    pub(crate) fn for_each_around(&self, k: usize, mut visit: impl FnMut(usize)) {
+        let at = self.places[k].map(|at| at as usize);
+        let steps = |k: usize| [at[k].wrapping_sub(1), at[k], at[k] + 1];
+        for z in steps(2).into_iter().filter(|&z| z < self.rows.cells[2]) {
+            for y in steps(1).into_iter().filter(|&y| y < self.rows.cells[1]) {
+                let (row, end) = self.rows.row(y, z);
+                let entries = &self.at[row.entry as usize..end as usize];
+                for x in steps(0) {
+                    // Outside the row, on either side, there is no entry.
+                    let found =
+                        entries.get(x.wrapping_sub(row.first_x as usize)).map_or(0, |at| *at as usize);
+                    if let Some(other) = found.checked_sub(1) {
+                        visit(other);
+                    }
+                }
+            }
+        }
+    }
+
     /// Adds to each cell's sums those of its 26 neighbours.
     pub(crate) fn widen(&self, sums: &[Sums]) -> Vec<Sums> {
         (0..self.len()).into_par_iter().map(|k| self.window(k, sums, 1)).collect()

@@ -24,6 +24,8 @@ pub struct TraceConfig {
     pub tilt_deg: f32,
     /// Shortest seam, voxels.
     pub shortest_voxels: f32,
+    /// The same where it goes on round a corner of a longer one, as at the end of a rib, voxels.
+    pub shortest_end_voxels: f32,
 }
 
 impl Default for TraceConfig {
@@ -35,6 +37,8 @@ impl Default for TraceConfig {
             turn_deg: 18.0,
             tilt_deg: 22.0,
             shortest_voxels: 12.0,
+            // As many steps as make the least number of stations of a refined seam.
+            shortest_end_voxels: 7.65,
         }
     }
 }
@@ -74,37 +78,67 @@ const GHOST_VOXELS: f32 = 5.0;
 /// Links beyond one for every corner that no trace needs.
 const SPARE_LINKS: usize = 16;
 
-/// All chains, best supported first; `model` is what may stand in their way.
-pub fn trace(corners: &[InsideCorner], model: &Grid, voxel_mm: f32, config: &TraceConfig) -> Vec<Chain> {
+/// Chains, best supported first.
+#[derive(Debug, Default)]
+pub struct Traced {
+    /// Those that are long enough to be seams.
+    pub chains: Vec<Chain>,
+    /// Those that may be the end of one, round a corner.
+    pub short: Vec<Chain>,
+}
+
+/// All chains; `model` is what may stand in their way.
+pub fn trace(corners: &[InsideCorner], model: &Grid, voxel_mm: f32, config: &TraceConfig) -> Traced {
     let positions: Vec<_> = corners.iter().map(|c| c.position).collect();
     let grid = Grid::new(&positions, SUPPORT_VOXELS * voxel_mm);
     let mut tracer = Tracer { corners, grid, model, used: vec![false; corners.len()], voxel_mm, config };
     let mut seeds: Vec<(usize, usize)> = (0..corners.len()).map(|k| (tracer.support(k), k)).collect();
     seeds.sort_unstable_by(|a, b| b.cmp(a));
-    let mut chains = Vec::new();
+    let mut traced = Traced::default();
     for (support, seed) in seeds {
         if support < LEAST_SUPPORT || tracer.used[seed] {
             continue;
         }
         let chain = tracer.grow(seed);
-        if chain.length_mm() >= config.shortest_voxels * voxel_mm && !is_ghost(&chain, &chains, voxel_mm) {
-            chains.push(chain);
+        let length_voxels = chain.length_mm() / voxel_mm;
+        if length_voxels < config.shortest_end_voxels || is_ghost(&chain, &traced.chains, voxel_mm) {
+            continue;
         }
+        if length_voxels >= config.shortest_voxels { &mut traced.chains } else { &mut traced.short }
+            .push(chain);
     }
-    chains
+    traced
 }
 
 /// Whether a weak chain runs along a strong one: the same corner seen a second time, with a lip for a face.
 fn is_ghost(chain: &Chain, others: &[Chain], voxel_mm: f32) -> bool {
+    let flat = is_flat(chain);
     let density = |c: &Chain| c.support as f32 / c.links.len() as f32;
     let beside = |a: &ChainLink, b: &ChainLink| {
         (a.position - b.position).norm() < GHOST_VOXELS * voxel_mm
             && a.direction.dot(&b.direction).abs() > SAME_DIRECTION
+            && !(flat && is_behind(a, b))
     };
     others.iter().filter(|o| density(chain) < GHOST_SHARE * density(o)).any(|other| {
         let shadowed = chain.links.iter().filter(|a| other.links.iter().any(|b| beside(a, b))).count();
         2 * shadowed > chain.links.len()
     })
+}
+
+/// Whether both faces keep their directions from end to end, as those of a rib do. The other side of a tube's wall is
+/// seen at a slant over its rim, if at all, and what comes of it is no better than a ghost.
+fn is_flat(chain: &Chain) -> bool {
+    let (Some(first), Some(last)) = (chain.links.first(), chain.links.last()) else { return false };
+    (0..2).all(|k| first.faces[k].dot(&last.faces[k]) > SAME_DIRECTION)
+}
+
+/// Whether a face of `a` is the other side of the wall that is a face of `b`.
+fn is_behind(a: &ChainLink, b: &ChainLink) -> bool {
+    let apart = a.position - b.position;
+    let backs = |face: &Vector3<f32>, other: &Vector3<f32>| {
+        face.dot(other) < -SAME_DIRECTION && face.dot(&apart) > 0.0
+    };
+    a.faces.iter().any(|face| b.faces.iter().any(|other| backs(face, other)))
 }
 
 /// The corners of a cloud while chains are traced through them.
@@ -267,5 +301,35 @@ impl Tracer<'_> {
         mine.dedup();
         mine.iter().for_each(|&k| self.used[k] = true);
         mine
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Along x at `y_mm`, on the floor, with a wall that faces `wall`, and so many corners to a link.
+    fn foot(y_mm: f32, wall: Vector3<f32>, corners_to_a_link: usize) -> Chain {
+        let link = |k: usize| ChainLink {
+            position: Point3::new(2.0 * k as f32, y_mm, 0.0),
+            direction: Vector3::x(),
+            faces: [Vector3::z(), wall],
+        };
+        Chain { links: (0..20).map(link).collect(), support: 20 * corners_to_a_link, ..Chain::default() }
+    }
+
+    #[test]
+    fn the_worse_seen_side_of_a_thin_rib_is_no_ghost_of_the_other() {
+        let strong = [foot(0.0, Vector3::y(), 6)];
+        assert!(!is_ghost(&foot(-5.0, -Vector3::y(), 2), &strong, 1.2), "5 mm behind, facing away");
+        assert!(is_ghost(&foot(-1.0, Vector3::y(), 2), &strong, 1.2), "the same wall again");
+        assert!(is_ghost(&foot(1.0, -Vector3::y(), 2), &strong, 1.2), "a face in front that looks back");
+        // The inside of a tube's wall turns as it goes.
+        let mut inside = foot(-5.0, -Vector3::y(), 2);
+        for (k, link) in inside.links.iter_mut().enumerate() {
+            let turn_rad = 0.05 * k as f32;
+            link.faces[1] = Vector3::new(turn_rad.sin(), -turn_rad.cos(), 0.0);
+        }
+        assert!(is_ghost(&inside, &strong, 1.2));
     }
 }

@@ -28,6 +28,9 @@ pub struct CornerConfig {
     pub least_share: f32,
     /// Farthest that the candidate may be from the line, voxels.
     pub move_voxels: f32,
+    /// Whether a third face is tried where the first two make no corner. One view does not see both sides of a rib: what
+    /// looks a third way there is noise where one thing hides another.
+    pub third_face: bool,
 }
 
 impl Default for CornerConfig {
@@ -39,6 +42,7 @@ impl Default for CornerConfig {
             reach_voxels: 2.5,
             least_share: 0.45,
             move_voxels: 3.3,
+            third_face: true,
         }
     }
 }
@@ -54,6 +58,9 @@ const SEEDS: usize = 24;
 const AGREE: f32 = 0.93;
 const DIFFER: f32 = 0.94;
 const LEAST_AGREEING: u32 = 6;
+/// Cosine below which a third face looks another way than the second: 72 degrees or more, so the end or the other side of
+/// a rib and not what noise or a bend makes of the second.
+const TURNED: f32 = 0.3;
 /// Rounds of assignment and fit.
 const ROUNDS: usize = 4;
 /// Cosine between a point's normal and its face's: while only the seeds are known, and once there are planes.
@@ -106,9 +113,32 @@ struct Near {
 }
 
 /// The corner near the candidate at `at`, if there is one.
+///
+/// Its first face is the largest. The second is the next, or, if these make no corner, the next that looks another way:
+/// on a plate beside a thin rib both sides of the rib are near, and its end.
 fn fit(points: &[Near], at: &Point3<f32>, voxel_mm: f32, config: &CornerConfig) -> Option<InsideCorner> {
+    let seeds = Seeds::among(points)?;
+    let (_, first) = seeds.best(|_| true)?;
+    let differs = |n: &Vector3<f32>| n.dot(&first).abs() <= DIFFER;
+    let agreed = |(count, n): (u32, Vector3<f32>)| (count >= LEAST_AGREEING).then_some(n);
+    let second = seeds.best(differs).and_then(agreed)?;
+    let corner = |other| between([first, other], points, at, voxel_mm, config);
+    corner(second).or_else(|| {
+        let turned = |n: &Vector3<f32>| differs(n) && n.dot(&second) < TURNED;
+        let third = config.third_face.then(|| seeds.best(turned)).flatten().and_then(agreed)?;
+        corner(third)
+    })
+}
+
+/// The corner between the faces that begin with these normals.
+fn between(
+    mut normals: [Vector3<f32>; 2],
+    points: &[Near],
+    at: &Point3<f32>,
+    voxel_mm: f32,
+    config: &CornerConfig,
+) -> Option<InsideCorner> {
     let tolerance = config.tolerance_voxels * voxel_mm;
-    let mut normals = seeds(points)?;
     let mut faces: Option<[Face; 2]> = None;
     for _ in 0..ROUNDS {
         let fitted = round(points, &normals, faces.as_ref(), tolerance)?;
@@ -169,24 +199,30 @@ impl Line {
     }
 }
 
-/// The normal that most others agree with, and the one of those that differ from it that most agree with.
-fn seeds(points: &[Near]) -> Option<[Vector3<f32>; 2]> {
-    if points.len() < LEAST_POINTS {
-        return None;
+/// The normals about a candidate, some of which are tried as seeds of a face.
+struct Seeds<'a> {
+    points: &'a [Near],
+    normals: Vec<[f32x8; 3]>,
+}
+
+impl<'a> Seeds<'a> {
+    fn among(points: &'a [Near]) -> Option<Self> {
+        (points.len() >= LEAST_POINTS).then(|| Self { points, normals: in_lanes(points) })
     }
-    let step = (points.len() / SEEDS).max(1);
-    let normals = in_lanes(points);
-    let agree = |n: &Vector3<f32>, [x, y, z]: &[f32x8; 3]| {
-        (*x * n.x + *y * n.y + *z * n.z).simd_gt(f32x8::splat(AGREE)).to_bitmask().count_ones()
-    };
-    let support = |n: &Vector3<f32>| normals.iter().map(|eight| agree(n, eight)).sum::<u32>();
-    let best = |differs: &dyn Fn(&Vector3<f32>) -> bool| {
-        let tried = points.iter().step_by(step).map(|p| p.normal).filter(|n| differs(n));
-        tried.map(|n| (support(&n), n)).max_by_key(|(count, _)| *count)
-    };
-    let (_, first) = best(&|_| true)?;
-    let (count, second) = best(&|n| n.dot(&first).abs() <= DIFFER)?;
-    (count >= LEAST_AGREEING).then_some([first, second])
+
+    /// Of the normals that may be one, the one that most others agree with, and how many.
+    fn best(&self, may_be: impl Fn(&Vector3<f32>) -> bool) -> Option<(u32, Vector3<f32>)> {
+        let step = (self.points.len() / SEEDS).max(1);
+        let tried = self.points.iter().step_by(step).map(|p| p.normal).filter(|n| may_be(n));
+        tried.map(|n| (self.support(&n), n)).max_by_key(|(count, _)| *count)
+    }
+
+    fn support(&self, n: &Vector3<f32>) -> u32 {
+        let agree = |[x, y, z]: &[f32x8; 3]| {
+            (*x * n.x + *y * n.y + *z * n.z).simd_gt(f32x8::splat(AGREE)).to_bitmask().count_ones()
+        };
+        self.normals.iter().map(agree).sum()
+    }
 }
 
 /// The points' normals, eight at a time; 0 beyond the last.

@@ -1,8 +1,10 @@
-//! Chains that go on in each other, joined (ours): a trace may stop where corners are missing, and begin anew beyond.
+//! Chains that go on in each other (ours): a trace may stop where corners are missing, and begin anew beyond, and a weld
+//! goes on round the end of a rib.
 
 use super::obstruction;
 use super::{Chain, ChainLink};
 use crate::geometry::grid::Grid;
+use nalgebra::Vector3;
 
 // All chosen on the simulated scans.
 
@@ -15,6 +17,13 @@ const PAST_VOXELS: f32 = 0.5;
 /// Cosines of the largest change of direction and of a face.
 const SAME_DIRECTION: f32 = 0.95;
 const SAME_FACE: f32 = 0.9;
+
+/// Farthest that the ends of two chains may be from each other across the corner round which a weld goes, voxels: each
+/// stops where the other's wall comes into the radius of a fit.
+const CORNER_VOXELS: f32 = 6.0;
+/// Farthest that one end may be off the face that both share, voxels, and cosine of directions between which is a corner.
+const OFF_FACE_VOXELS: f32 = 1.0;
+const CORNER_TURNS: f32 = 0.8;
 
 /// All chains, those joined that continue each other with free air between them.
 pub fn joined(mut chains: Vec<Chain>, model: &Grid, voxel_mm: f32) -> Vec<Chain> {
@@ -31,6 +40,25 @@ pub fn joined(mut chains: Vec<Chain>, model: &Grid, voxel_mm: f32) -> Vec<Chain>
         }
     }
     chains
+}
+
+/// Those of the `short` chains that begin or end where a long one does, round a corner and on a face of both: too short to
+/// be a seam by themselves, they are the end of one.
+pub fn round_corners(mut short: Vec<Chain>, long: &[Chain], voxel_mm: f32) -> Vec<Chain> {
+    let ends_of = |c: &Chain| [c.links.first().copied(), c.links.last().copied()].into_iter().flatten();
+    let ends: Vec<ChainLink> = long.iter().filter(|c| !c.closed).flat_map(ends_of).collect();
+    short.retain(|c| ends_of(c).any(|a| ends.iter().any(|b| meet_round_corner(&a, b, voxel_mm))));
+    short
+}
+
+fn meet_round_corner(a: &ChainLink, b: &ChainLink, voxel_mm: f32) -> bool {
+    let apart = b.position - a.position;
+    let is_shared = |face: &Vector3<f32>| {
+        face.dot(&apart).abs() < OFF_FACE_VOXELS * voxel_mm && b.faces.iter().any(|f| face.dot(f) > SAME_FACE)
+    };
+    apart.norm() < CORNER_VOXELS * voxel_mm
+        && a.direction.dot(&b.direction).abs() < CORNER_TURNS
+        && a.faces.iter().any(is_shared)
 }
 
 fn either_way(a: &Chain, b: &Chain, model: &Grid, voxel_mm: f32) -> Option<Chain> {
@@ -78,7 +106,7 @@ fn end_to_end(a: &Chain, b: &Chain, model: &Grid, voxel_mm: f32) -> Option<Chain
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::{Point3, Vector3};
+    use nalgebra::Point3;
 
     fn fillet(from_mm: f32, to_mm: f32) -> Chain {
         let link = |k: usize| ChainLink {
@@ -107,5 +135,24 @@ mod tests {
         let wall: Vec<Point3<f32>> =
             (0..400).map(|k| Point3::new(43.0, (k % 20) as f32, (k / 20) as f32)).collect();
         assert_eq!(joined(vec![fillet(0.0, 40.0), fillet(46.0, 90.0)], &Grid::new(&wall, 4.0), 1.2).len(), 2);
+    }
+
+    #[test]
+    fn a_short_chain_counts_where_it_goes_round_the_end_of_a_long_one() {
+        // Across the end of a rib whose side the long one runs along: on the plate, 4 mm beyond and to the rib's side.
+        let end = |at: Point3<f32>| {
+            let link = |k: usize| ChainLink {
+                position: at - Vector3::y() * (2.0 * k as f32),
+                direction: -Vector3::y(),
+                faces: [Vector3::x(), Vector3::z()],
+            };
+            Chain { links: (0..6).map(link).collect(), ..Chain::default() }
+        };
+        let kept = |short: Chain| round_corners(vec![short], &[fillet(0.0, 40.0)], 1.2).len();
+        assert_eq!(kept(end(Point3::new(43.0, -3.0, 0.0))), 1);
+        assert_eq!(kept(end(Point3::new(43.0, -30.0, 0.0))), 0, "far from any end");
+        assert_eq!(kept(end(Point3::new(20.0, -3.0, 0.0))), 0, "beside the middle of the long one");
+        assert_eq!(kept(end(Point3::new(43.0, -3.0, 4.0))), 0, "on another level");
+        assert_eq!(kept(fillet(44.0, 54.0)), 0, "straight on there is no corner");
     }
 }
