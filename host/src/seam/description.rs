@@ -19,6 +19,9 @@ const UNTOLD_BRIDGE_MM: f64 = 4.0;
 /// simulated scans.
 const LEAST_CONFIDENCE: f64 = 0.6;
 const MOST_ERROR_DEG: f64 = 6.0;
+/// The least confidence where several views show both sides of a wall: of the points about a corner of a thin rib a third
+/// may then be of the far side, on neither face, and five sixths of [`FULL_SHARE`] are all that there can be.
+const LEAST_CONFIDENCE_OF_VIEWS: f64 = LEAST_CONFIDENCE * 5.0 / 6.0;
 /// Corners to a link of a chain, and share of the points about them on the two faces, from which on nothing is missing to
 /// full confidence. Chosen on the simulated scans.
 const FULL_CORNERS: f64 = 3.0;
@@ -90,8 +93,10 @@ fn warnings(scan: &RawScan, seam: &Refined, expected: &Expected) -> Vec<String> 
 }
 
 /// Whether a seam is sure enough to be offered.
-pub(super) fn is_sure(seam: &Seam) -> bool {
-    seam.confidence >= LEAST_CONFIDENCE && seam.expected_error_deg <= MOST_ERROR_DEG
+pub(super) fn is_sure(scan: &RawScan, seam: &Seam) -> bool {
+    let several = scan.merged.cameras_mm.len() > 1;
+    let least = if several { LEAST_CONFIDENCE_OF_VIEWS } else { LEAST_CONFIDENCE };
+    seam.confidence >= least && seam.expected_error_deg <= MOST_ERROR_DEG
 }
 
 /// What is said of a seam that is not.

@@ -58,8 +58,9 @@ pub fn find(input: &Input, config: &SeamConfig) -> Found {
     });
     let seams = corner_seams(input, &corners, config);
     let most_error_mm = if input.cues.blurred { BLURRED_ERROR_VOXELS * f64::from(v) } else { f64::INFINITY };
-    let (mut seams, unsure): (Vec<Seam>, Vec<Seam>) =
-        seams.into_iter().partition(|seam| is_sure(seam) && seam.expected_error_mm < most_error_mm);
+    let (mut seams, unsure): (Vec<Seam>, Vec<Seam>) = seams
+        .into_iter()
+        .partition(|seam| is_sure(&input.scan, seam) && seam.expected_error_mm < most_error_mm);
     if seams.is_empty() && input.cues.steps {
         seams = step_seams(input, table.as_ref(), config);
     }
@@ -201,7 +202,11 @@ fn step_seams(input: &Input, table: Option<&Support>, config: &SeamConfig) -> Ve
     let refine = |chain: &Chain| layers::refine(&input.scan, chain, v, &config.refine, &config.step);
     let refined = refined_apart(input, &chains, config, refine);
     let seams = refined.iter().map(|(chain, seam)| step_seam(input, chain, seam));
-    seams.filter(|seam| is_sure(seam) && seam.expected_error_mm < STEP_ERROR_VOXELS * f64::from(v)).collect()
+    seams
+        .filter(|seam| {
+            is_sure(&input.scan, seam) && seam.expected_error_mm < STEP_ERROR_VOXELS * f64::from(v)
+        })
+        .collect()
 }
 
 /// A refined chain at the foot of a step.
