@@ -32,6 +32,7 @@ mod raw;
 mod records;
 mod repeated;
 mod stl;
+mod strays;
 mod text;
 mod trajectory;
 mod transform;
@@ -195,12 +196,13 @@ pub fn read(input: &Path, options: &Options) -> Result<Scan, Error> {
     thinned(read_any(input, options)?, input)
 }
 
-/// Without what places hold beyond their share, and within the memory that a plan may take.
+/// Without strays and what places hold beyond their share, and within the memory that a plan may take.
 fn thinned(mut scan: Scan, input: &Path) -> Result<Scan, Error> {
     for view in &mut scan.views {
-        if let Some(note) = repeated::thin(&mut view.points_mm, &mut view.normals) {
-            scan.notes.push(format!("{}: {note}", view.name));
-        }
+        let is_read = view.mesh.is_none();
+        let far = is_read.then(|| strays::drop_far(&mut view.points_mm, &mut view.normals)).flatten();
+        let repeated = repeated::thin(&mut view.points_mm, &mut view.normals);
+        scan.notes.extend([far, repeated].into_iter().flatten().map(|note| format!("{}: {note}", view.name)));
     }
     memory::hold_plan(input, scan.views.iter().map(|view| view.points_mm.len()).sum())?;
     Ok(scan)

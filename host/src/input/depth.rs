@@ -1,6 +1,7 @@
-//! 16-bit depth images: each count that is not 0 becomes a point in front of a pinhole camera.
+//! 16-bit depth images: each count becomes a point in front of a pinhole camera, but 0 and the largest, which cameras write
+//! where they have no reading.
 //!
-//! All readings are kept, near or far: what is noise or background is for later stages to say.
+//! All other readings are kept, near or far: what is noise or background is for later stages to say.
 
 use std::io::Cursor;
 use std::path::Path;
@@ -24,6 +25,9 @@ pub(super) const PRIMESENSE: Camera = Camera {
     distortion: Distortion { k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0, k3: 0.0 },
 };
 
+/// The largest count: farther than the camera measures, or nothing at all.
+const SATURATED: u16 = u16::MAX;
+
 /// Deflate grows its input by at most this (zlib's technical details).
 const DEFLATE_GROWTH: u64 = 1032;
 
@@ -40,7 +44,7 @@ pub(super) fn points_mm(bytes: &[u8], rays: &Rays, path: &Path) -> Result<Vec<Po
         for (column, pixel) in pixels.chunks_exact(2).enumerate() {
             let count = u16::from_be_bytes([pixel[0], pixel[1]]);
             let [x, y] = slopes.at(column, row);
-            if count > 0 && x.is_finite() {
+            if (1..SATURATED).contains(&count) && x.is_finite() {
                 let z = (f64::from(count) * mm_per_count) as f32;
                 points.push(Point3::new(x * z, y * z, z));
             }
@@ -127,7 +131,7 @@ pub(super) fn read_single(bytes: &[u8], path: &Path, options: &Options) -> Resul
     let camera = given(intrinsics, bytes, PRIMESENSE.depth_scale_m, path)?;
     let points_mm = points_mm(bytes, &Rays::new(camera), path)?;
     if points_mm.is_empty() {
-        return Err(Error::empty(path, "every pixel is 0, the mark of no reading"));
+        return Err(Error::empty(path, "every pixel is 0 or 65535, the marks of no reading"));
     }
     let view = View {
         name: name_of(path),
@@ -189,9 +193,9 @@ mod tests {
 
     #[test]
     fn a_count_becomes_a_point_on_the_ray_of_its_pixel() {
-        let points =
-            points_mm(&grey(&[0, 0, 1000, 65535, 0, 1]), &Rays::new(CAMERA), Path::new("d.png")).unwrap();
-        let expected = [[250.0, -62.5, 500.0], [-16383.75, 4095.9375, 32767.5], [0.25, 0.0625, 0.5]];
+        let image = grey(&[65535, 0, 1000, 65534, 0, 1]);
+        let points = points_mm(&image, &Rays::new(CAMERA), Path::new("d.png")).unwrap();
+        let expected = [[250.0, -62.5, 500.0], [-16383.5, 4095.875, 32767.0], [0.25, 0.0625, 0.5]];
         assert_eq!(points, expected.map(Point3::from));
     }
 

@@ -40,7 +40,8 @@ pub(super) fn thin(points: &mut Vec<Point3<f32>>, normals: &mut Vec<Vector3<f32>
     })
 }
 
-fn retain<T>(items: &mut Vec<T>, keep: &[bool]) {
+/// Keeps the items whose flags say so.
+pub(super) fn retain<T>(items: &mut Vec<T>, keep: &[bool]) {
     let mut kept = keep.iter();
     items.retain(|_| kept.next().copied().unwrap_or(true));
 }
