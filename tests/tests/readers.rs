@@ -37,16 +37,15 @@ fn in_header(path: &Path, key: &str) -> usize {
     head.lines().find_map(|line| line.strip_prefix(key)?.trim().parse().ok()).unwrap()
 }
 
-/// Sum over the notes of the points that were dropped, each of which must state the total.
+/// Sum over the notes of the points that were dropped, each of which must state of how many: all, or what those before left.
 fn dropped(scan: &Scan, total: usize) -> usize {
-    let notes = scan.notes.iter().filter(|note| note.starts_with("dropped "));
-    notes
-        .map(|note| {
-            let words: Vec<&str> = note.split(' ').collect();
-            assert_eq!(words[3].parse(), Ok(total), "{note}");
-            words[1].parse::<usize>().unwrap()
-        })
-        .sum()
+    let counts = scan.notes.iter().filter_map(|note| note.split_once("dropped "));
+    counts.fold(0, |before, (_, text)| {
+        let words: Vec<&str> = text.split(' ').collect();
+        let [dropped, of] = [words[0], words[2]].map(|word| word.parse::<usize>().unwrap());
+        assert!(of == total || of == total - before, "{text}");
+        before + dropped
+    })
 }
 
 fn print(path: &Path, scan: &Scan) {

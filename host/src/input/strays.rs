@@ -34,8 +34,8 @@ pub(super) fn drop_far(points: &mut Vec<Point3<f32>>, normals: &mut Vec<Vector3<
     if normals.len() == before {
         retain(normals, &keep);
     }
-    let (dropped, margin_m) = (before - points.len(), 1e-3 * FAR_DIAGONALS * diagonal_mm);
-    Some(format!("dropped {dropped} of {before} points more than {margin_m:.1} m from where most are"))
+    let (dropped, margin_mm) = (before - points.len(), FAR_DIAGONALS * diagonal_mm);
+    Some(format!("dropped {dropped} of {before} points more than {margin_mm:.0} mm from where most are"))
 }
 
 /// Corners of the box that holds the middle four fifths of the points on each axis.
@@ -67,7 +67,7 @@ mod tests {
         }
         let mut normals: Vec<Vector3<f32>> = points.iter().map(|p| p.coords).collect();
         let note = drop_far(&mut points, &mut normals).expect("a note");
-        assert!(note.starts_with("dropped 3 of 30004 points more than 1."), "{note}");
+        assert!(note.starts_with("dropped 3 of 30004 points more than 1"), "{note}");
         assert_eq!(points, kept);
         assert!(points.iter().zip(&normals).all(|(p, n)| p.coords == *n), "normals stay with their points");
         assert_eq!(drop_far(&mut points, &mut normals), None);
