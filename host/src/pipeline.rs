@@ -106,6 +106,8 @@ pub struct Evidence<'a> {
     pub index: &'a Grid,
     /// Edge intensity of each point of the model.
     pub intensity: &'a [f32],
+    /// What looked like a seam and is none that could be welded: each with its place and why.
+    pub rejected: &'a [String],
 }
 
 /// Sees every stage as it finishes; `()` is an observer that does nothing.
@@ -166,7 +168,16 @@ pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Re
     let ScaleResult { scale, model, found } = search.best(&first, &mut clock, observer)?;
     let Model { voxels, cloud, index, .. } = &model;
     let intensity = &found.intensity;
-    observer.evidence(&Evidence { merged: &merged, raw: &raw, voxels, model: cloud, index, intensity });
+    let rejected = &found.warnings;
+    observer.evidence(&Evidence {
+        merged: &merged,
+        raw: &raw,
+        voxels,
+        model: cloud,
+        index,
+        intensity,
+        rejected,
+    });
     if found.seams.is_empty() {
         return Err(no_seam(found.reason));
     }

@@ -21,6 +21,7 @@ use run::Run;
 
 use crate::files::File;
 use crate::output::summary::{Source, Summary};
+use crate::output::verdict::{Finding, ReasonId, Verdict};
 use crate::pipeline::Plan;
 use crate::run::job::Job;
 use crate::run::postprocessing::Output;
@@ -44,8 +45,8 @@ pub fn files(plan: &Plan, output: &Output, recording: &Recording, job: &Job) -> 
     vec![File::new(PAGE, page), File::new(PICTURE, picture)]
 }
 
-/// The same of a run that found no seam: what was seen, and in `reason` why nothing came of it. Empty if nothing was
-/// recorded.
+/// The same of a run that found no seam: what was seen, in `reason` why nothing came of it, and what looked like a seam
+/// and was rejected. Empty if nothing was recorded.
 pub fn without_seams(recording: &Recording, job: &Job, reason: &str) -> Vec<File> {
     let Some(clouds) = &recording.clouds else { return Vec::new() };
     let plan = Plan {
@@ -59,8 +60,10 @@ pub fn without_seams(recording: &Recording, job: &Job, reason: &str) -> Vec<File
         warnings: Vec::new(),
         coverage: Vec::new(),
     };
+    let verdict = Verdict::new([Finding::new(ReasonId::NoSeam, reason)], &[]);
+    let rejected = recording.rejected.clone();
     let summary =
-        Summary::new(&plan, Source::default(), &[], &[], job.order.up.get(), vec![reason.to_owned()]);
+        Summary::new(&plan, Source::default(), &[], &[], job.order.up.get(), rejected).with_verdict(verdict);
     let output = Output { paths: Vec::new(), program: Program::default(), summary, files: Vec::new() };
     files(&plan, &output, recording, job)
 }

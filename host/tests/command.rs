@@ -79,14 +79,21 @@ fn an_output_that_cannot_be_written_is_5_before_any_work() {
 }
 
 #[test]
-fn a_flat_plate_is_3_and_leaves_nothing_behind() {
+fn a_flat_plate_is_3_and_leaves_a_report_only() {
     let home = home();
-    for more in [vec![], vec!["--quiet"], vec!["--json"]] {
+    for more in [vec!["--no-report"], vec![], vec!["--quiet"], vec!["--json"]] {
         let output = weldpath(home.path(), &[&["plan", "flat.xyz"], more.as_slice()].concat());
         assert_eq!(output.status.code(), Some(3), "{}", stderr(&output));
         assert!(stderr(&output).starts_with("error: no seam found: "), "{}", stderr(&output));
         assert!(output.stdout.is_empty());
-        assert!(!home.path().join("out").exists());
+        let mut left: Vec<_> = std::fs::read_dir(home.path().join("out"))
+            .map(|files| files.map(|file| file.unwrap().file_name()).collect())
+            .unwrap_or_default();
+        left.sort();
+        match more[..] {
+            ["--no-report"] => assert!(left.is_empty(), "{left:?}"),
+            _ => assert_eq!(left, ["report.html", "report.svg", "weldpath-manifest.json"]),
+        }
     }
 }
 

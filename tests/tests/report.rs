@@ -43,9 +43,10 @@ fn pipe_on_plate(count: usize) -> PointCloud {
     cloud
 }
 
-/// What a run of `plan` over `model` leaves: page and picture.
-fn report(plan: &Plan, job: &str) -> [String; 2] {
-    let model = &plan.model;
+const REJECTED: &str = "an inside corner of 30 mm near 1,2,3 is too uncertain to weld";
+
+/// What is kept of a run over `model`.
+fn recording(model: &PointCloud) -> Recording {
     let raw: Vec<Point3<f32>> =
         model.points_mm.iter().zip(&model.normals).map(|(p, n)| p + n * 0.15).collect();
     let view: Vec<u16> = (0..raw.len()).map(|i| (i % 3) as u16).collect();
@@ -60,19 +61,39 @@ fn report(plan: &Plan, job: &str) -> [String; 2] {
     let cloud = PointCloud { points_mm: raw, ..model.clone() };
     let voxels = Voxels { cloud, view, edge_mm: 1.0, ..Voxels::default() };
     let intensity: Vec<f32> = model.points_mm.iter().map(|p| if p.z < 3.0 { 0.2 } else { 0.03 }).collect();
-    let recording = Recording::of(&Evidence {
+    Recording::of(&Evidence {
         merged: &merged,
         raw: &index,
         voxels: &voxels,
         model,
         index: &Grid::new(&model.points_mm, 4.0),
         intensity: &intensity,
-    });
+        rejected: &[REJECTED.to_owned()],
+    })
+}
+
+/// What a run of `plan` leaves: page and picture.
+fn report(plan: &Plan, job: &str) -> [String; 2] {
+    let recording = recording(&plan.model);
     let job = Job::parse(job, Path::new("job.toml")).unwrap();
     let output = postprocess(plan, &job, Default::default()).unwrap();
     let files = report::files(plan, &output, &recording, &job);
     assert_eq!([files[0].name.as_str(), &files[1].name], [report::PAGE, report::PICTURE]);
     [0, 1].map(|k| String::from_utf8(files[k].bytes.clone()).unwrap())
+}
+
+#[test]
+fn a_run_without_a_seam_shows_the_cloud_and_names_what_was_rejected() {
+    let files =
+        report::without_seams(&recording(&pipe_on_plate(3000)), &Job::default(), "no seam found: thin");
+    let page = String::from_utf8(files[0].bytes.clone()).unwrap();
+    let block = page.split("id=\"content\">").nth(1).unwrap().split("</script>").next().unwrap();
+    let content: Value = serde_json::from_str(block).unwrap();
+    let verdict = &content["summary"]["verdict"];
+    assert_eq!((&verdict["state"], &verdict["reasons"][0]["id"]), (&"refused".into(), &"no-seam".into()));
+    assert_eq!(verdict["reasons"][0]["words"], "no seam found: thin");
+    assert_eq!(content["summary"]["warnings"][0], REJECTED);
+    assert!(content["clouds"]["model"]["count"].as_u64() > Some(1000), "{}", content["clouds"]);
 }
 
 fn plan(points: usize) -> Plan {

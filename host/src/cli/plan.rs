@@ -135,7 +135,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         Ok(planned) => planned,
         Err(failure) => {
             let seen = recording.map(|r| report::without_seams(&r, &job, &failure.message));
-            return keep_stages(&folder, stages, seen.unwrap_or_default()).and(Err(failure));
+            return keep_seen(&folder, stages, seen.unwrap_or_default()).and(Err(failure));
         }
     };
     let mut output = postprocess(&plan, &job, source.clone()).map_err(not_written_out)?;
@@ -272,18 +272,14 @@ fn plan(job: &Job, allow_outside: bool, progress: &mut Progress) -> Result<(Plan
 }
 
 /// What led to no plan is what one wants to look at most.
-fn keep_stages(folder: &Folder<'_>, mut stages: Vec<File>, seen: Vec<File>) -> Result<(), Failure> {
-    if stages.is_empty() {
-        return Ok(());
-    }
-    // In their folder: what an earlier run left beside it stays as it was.
-    stages.extend(seen.into_iter().map(|file| File::new(format!("stages/{}", file.name), file.bytes)));
-    folder.write(&stages)
+fn keep_seen(folder: &Folder<'_>, mut stages: Vec<File>, seen: Vec<File>) -> Result<(), Failure> {
+    stages.extend(seen);
+    if stages.is_empty() { Ok(()) } else { folder.write(&stages) }
 }
 
 fn not_planned(error: pipeline::PlanError) -> Failure {
     Failure::new(Exit::NoSeam, error).hint(
-        "--dump-stages keeps the cloud after every stage, and DIR/stages/report.html to look at; docs/troubleshooting.md says what to try",
+        "DIR/report.html shows what was seen and rejected, --dump-stages keeps the cloud after every stage; docs/troubleshooting.md says what to try",
     )
 }
 

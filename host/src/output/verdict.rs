@@ -81,6 +81,8 @@ reasons! {
     ErrorOverLimit => "error-over-limit", Refused;
     /// A seam is larger than what was scanned.
     BeyondScan => "beyond-scan", Refused;
+    /// Nothing was found that could be welded.
+    NoSeam => "no-seam", Refused;
     /// The tip would be inside the work.
     TipInside => "tip-inside", Refused;
     /// A view that fits no others is left out.

@@ -79,8 +79,15 @@ mod tests {
         let asymmetries = &edges::asymmetries(&grid, 4.0);
         let surface = SurfaceModel { voxels: &voxels, cloud: model, index: &grid, asymmetries };
         let intensity = &edges::score(&surface).intensity;
-        let mut ours =
-            sampled(&Evidence { merged, raw: &grid, voxels: &voxels, model, index: &grid, intensity });
+        let mut ours = sampled(&Evidence {
+            merged,
+            raw: &grid,
+            voxels: &voxels,
+            model,
+            index: &grid,
+            intensity,
+            rejected: &[],
+        });
         let mut theirs: Vec<f32> = paper::tensors(model, 1.0).iter().map(|t| t.ratio()).collect();
         ours.sort_by(f32::total_cmp);
         theirs.sort_by(f32::total_cmp);

@@ -32,6 +32,8 @@ pub struct Recording {
     pub(super) clouds: Option<Clouds>,
     /// Positions of the cameras, mm, base frame; empty if they are unknown.
     pub(super) cameras_mm: Vec<Point3<f64>>,
+    /// What looked like a seam and is none that could be welded, in words.
+    pub(super) rejected: Vec<String>,
     pub(super) intensity: Histogram,
     pub(super) ratio: Histogram,
     pub(super) spacing_mm: Histogram,
@@ -82,6 +84,7 @@ impl Recording {
         Self {
             clouds: Some(Clouds { frame, model: model_samples, model_of: model.len(), raw, raw_of }),
             cameras_mm: cameras_mm(merged),
+            rejected: evidence.rejected.to_vec(),
             intensity: Histogram::between(0.0, 0.5, intensity.iter().copied()),
             ratio: Histogram::between(
                 RatioThreshold::FLOOR.into(),
@@ -162,6 +165,7 @@ mod tests {
             model: &model,
             index: &Grid::new(&model.points_mm, 4.0),
             intensity: &[0.3; 400],
+            rejected: &["an inside corner".into()],
         };
         let recording = Recording::of(&evidence);
         let clouds = recording.clouds.unwrap();
@@ -170,6 +174,7 @@ mod tests {
             assert!((sample.moved_mm - 0.2).abs() < 1e-6);
             assert_eq!(sample.view, u16::from(k >= 200), "point {k}");
         }
+        assert_eq!(recording.rejected, ["an inside corner"]);
         assert_eq!(recording.cameras_mm.len(), 1, "a camera of unknown place is not drawn");
         let spacing = spacings_mm(&merged, evidence.raw, 1.0);
         assert!(spacing.len() == 200 && spacing.iter().all(|mm| (mm - 1.0).abs() < 1e-5));
