@@ -90,7 +90,8 @@ fn of_views(views: &[ViewReport], hand_eye: Option<&HandEyeError>) -> Vec<Findin
     let mut found = Vec::new();
     let fits = |view: &&ViewReport| view.misfit.is_none();
     let repeated = |view: &ViewReport| matches!(view.misfit, Some(Misfit::Repeated { .. }));
-    let fitting = views.iter().filter(fits).count();
+    // One that overlaps no other cannot agree with any, whatever its pose.
+    let fitting = views.iter().filter(|view| fits(view) && view.complaint.is_none()).count();
     let misfits = views.iter().filter(|view| !fits(view) && !repeated(view)).count();
     let names = || {
         let out: Vec<&str> = views.iter().filter(|view| !fits(view)).map(|view| view.name.as_str()).collect();
