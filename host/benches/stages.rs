@@ -203,6 +203,7 @@ fn seam(bencher: Bencher, case: Case) {
         registration: None,
         view_names: vec!["view"],
         cameras_known: true,
+        table_shown: false,
     };
     let asymmetries = edges::asymmetries(&index, reach_mm);
     let model =

@@ -43,7 +43,7 @@ use std::path::{Path, PathBuf};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 use crate::geometry::cloud::View;
-pub use camera::{Distortion, Intrinsics};
+pub use camera::{CameraPosition, Distortion, Intrinsics};
 pub use doubt::{CloudFrame, Doubt, DoubtKind};
 use format::{Format, Reader};
 use raw::Raw;
@@ -56,6 +56,8 @@ pub struct Options {
     pub units: Units,
     /// Of depth images that come without: one alone, or a folder with a trajectory only.
     pub intrinsics: Option<Intrinsics>,
+    /// Where the camera stood that took a cloud which does not tell, mm, in the cloud's own frame.
+    pub camera_mm: Option<CameraPosition>,
     /// Whether a `scan.json` may name files outside its folder. One that came from somebody else should not.
     pub allow_outside: bool,
 }
@@ -326,7 +328,14 @@ fn single(mut raw: Raw, path: &Path, options: &Options) -> Result<Scan, Error> {
     let mm_per_unit = units::decide(options.units, raw.unit, &extent, &mut notes, &mut warnings);
     let mut frame = CloudFrame::Unknown;
     let view = if raw.triangles.is_empty() {
-        let camera = frame::camera_of(&raw, &extent, &mut notes);
+        let camera = match options.camera_mm {
+            Some(at) => {
+                let [x, y, z] = at.mm();
+                notes.push(format!("frame: a camera at {x}, {y}, {z} mm (as given)"));
+                Some(Vector3::from(at.mm()) / mm_per_unit)
+            }
+            None => frame::camera_of(&raw, &extent, &mut notes),
+        };
         if camera == Some(Vector3::zeros()) {
             frame = CloudFrame::Camera;
         }
@@ -346,10 +355,14 @@ fn view_of(
     path: &Path,
 ) -> View {
     let origin = camera.unwrap_or_else(|| whole_mm(middle, mm_per_unit));
+    // Where the camera is known it tells the sides better than a file does.
+    let given =
+        if camera.is_none() && raw.normals.len() == raw.positions.len() { raw.normals } else { Vec::new() };
+    let unit = |n: Vector3<f32>| n.try_normalize(1e-6).unwrap_or_else(Vector3::zeros);
     View {
         name: name_of(path),
         points_mm: raw.positions.relative_mm(origin, mm_per_unit),
-        normals: Vec::new(),
+        normals: given.into_iter().map(unit).collect(),
         base_from_camera: translation(origin * mm_per_unit),
         camera_known: camera.is_some(),
         mesh: None,

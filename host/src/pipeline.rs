@@ -65,6 +65,8 @@ pub struct Plan {
     pub derived: Vec<Derived>,
     /// Stage name and wall time, seconds.
     pub stage_s: Vec<(&'static str, f64)>,
+    /// Whether nothing tells from which side the work was seen, and it is taken as seen from above, +z.
+    pub orientation_assumed: bool,
     /// What the user should know.
     pub warnings: Vec<String>,
 }
@@ -185,6 +187,7 @@ pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Re
     let paths = clock.stage("toolpath", observer, along);
     let gaps = || coverage::gaps(&found.seams, &merged, &raw, search.cameras_known());
     let coverage = clock.time("coverage", gaps);
+    let orientation_assumed = found.orientation_assumed;
     warnings.extend(found.warnings);
     warnings.extend(coverage.iter().map(coverage::Gap::words));
     let derived = derived(&scale, found.gate);
@@ -198,6 +201,7 @@ pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Re
         hand_eye,
         derived,
         stage_s,
+        orientation_assumed,
         warnings,
     })
 }

@@ -57,6 +57,7 @@ pub fn without_seams(recording: &Recording, job: &Job, reason: &str) -> Vec<File
         hand_eye: None,
         derived: Vec::new(),
         stage_s: Vec::new(),
+        orientation_assumed: false,
         warnings: Vec::new(),
         coverage: Vec::new(),
     };

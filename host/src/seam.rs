@@ -25,6 +25,7 @@ pub mod trace;
 
 pub use input::{Cues, INDEX_VOXELS, Input, RawScan, SurfaceModel};
 
+use crate::model::orientation::Orientation;
 use measure::dimension::Dimension;
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -120,8 +121,49 @@ pub struct Found {
     pub warnings: Vec<String>,
     /// Why there is no seam, if there is none.
     pub reason: String,
+    /// Whether the air side of the faces is assumed to be the one seen from above, +z.
+    pub orientation_assumed: bool,
     /// Intensity gate, for the report.
     pub gate: f32,
     /// Edge intensity of each point of the model, for the report.
     pub intensity: Vec<f32>,
+}
+
+/// How far from a seam the side of its faces is looked up, voxels.
+const SIDES_VOXELS: f32 = 4.0;
+
+impl Found {
+    /// Leaves out the seams on faces of which nobody knows the air side, and says so; `oriented` is of the model.
+    pub fn only_oriented(&mut self, oriented: &Orientation, model: &SurfaceModel) {
+        self.warnings.extend(oriented.words());
+        self.orientation_assumed = oriented.assumed;
+        let unknown = |station: &Station| {
+            let at = Point3::from((station.position_mm - model.cloud.origin_mm).cast::<f32>());
+            let nearest = model.index.nearest(&at, SIDES_VOXELS * model.voxel_mm(), |_| true);
+            nearest.is_some_and(|(slot, _)| oriented.unknown[model.index.index(slot)])
+        };
+        let known = |seam: &Seam| {
+            2 * seam.stations.iter().filter(|station| unknown(station)).count() <= seam.stations.len()
+        };
+        let (known, unknown): (Vec<_>, Vec<_>) = std::mem::take(&mut self.seams).into_iter().partition(known);
+        let words: Vec<String> = unknown.iter().map(side_unknown).collect();
+        if let (true, Some(first)) = (known.is_empty(), words.first()) {
+            self.reason.clone_from(first);
+        }
+        self.warnings.extend(words);
+        self.seams = known;
+        (1..).zip(&mut self.seams).for_each(|(id, seam)| seam.id = id);
+    }
+}
+
+fn side_unknown(seam: &Seam) -> String {
+    let at = seam.stations.get(seam.stations.len() / 2).map_or(Point3::origin(), |s| s.position_mm);
+    format!(
+        "an inside corner of {:.0} mm near {:.0},{:.0},{:.0} is not offered: it is unknown which side of its faces is air; \
+         give the views with their poses, or a cloud with normals",
+        seam.length_mm(),
+        at.x,
+        at.y,
+        at.z
+    )
 }

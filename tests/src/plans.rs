@@ -68,6 +68,7 @@ fn of_paths(paths: Vec<SeamPath>) -> Plan {
         derived,
         coverage: vec![],
         stage_s: vec![("normals", 0.25), ("seam", 1.5)],
+        orientation_assumed: false,
         warnings: vec!["view 2 sees little".into()],
     }
 }

@@ -47,6 +47,9 @@ pub(super) struct Args {
     /// Intrinsics of depth images that come without, px, and distortion as OpenCV and RealSense write it
     #[arg(long, value_name = "FX,FY,CX,CY[,K1,K2,P1,P2,K3]", allow_hyphen_values = true)]
     intrinsics: Option<input::Intrinsics>,
+    /// Where the camera stood that took a cloud which does not tell: mm, in the cloud's own frame
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
+    camera: Option<input::CameraPosition>,
     /// Hold the tip this far off the seam, along the torch axis [default: 0]
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     standoff_mm: Option<StandoffMm>,
@@ -175,6 +178,7 @@ fn job(args: &Args) -> Result<Job, Failure> {
     };
     replace(&mut job.units, args.units);
     job.intrinsics = args.intrinsics.or(job.intrinsics);
+    job.camera_mm = args.camera.or(job.camera_mm);
     replace(&mut job.method, args.method);
     if args.method == Some(MethodName::Weldpath) {
         job.ratio_threshold = None;
@@ -261,9 +265,13 @@ fn input(args: &Args, job: &Job) -> Result<PathBuf, Failure> {
 fn plan(job: &Job, allow_outside: bool, progress: &mut Progress) -> Result<(Plan, Source), Failure> {
     progress.stage("scan");
     let input = job.input.as_deref().unwrap_or(Path::new("."));
-    let scan =
-        input::read(input, &input::Options { units: job.units, intrinsics: job.intrinsics, allow_outside })
-            .map_err(|error| Failure::new(Exit::Input, error))?;
+    let options = input::Options {
+        units: job.units,
+        intrinsics: job.intrinsics,
+        camera_mm: job.camera_mm,
+        allow_outside,
+    };
+    let scan = input::read(input, &options).map_err(|error| Failure::new(Exit::Input, error))?;
     let findings = verdict::of_scan(&scan, job);
     let mut plan = pipeline::plan(&scan.views, &job.pipeline(), progress).map_err(not_planned)?;
     plan.warnings.splice(0..0, scan.warnings);

@@ -134,6 +134,7 @@ mod tests {
             hand_eye: None,
             derived: vec![Derived { name: "voxel_mm", value: 0.8, how: "twice the mean spacing".into() }],
             stage_s: vec![],
+            orientation_assumed: false,
             warnings: vec!["view 3 overlaps too little".into()],
         }
     }

@@ -13,7 +13,7 @@ pub struct View {
     /// Finite points, mm, in the view's own frame. With a known camera this is the camera's frame: the camera is at
     /// the origin. Without, it is the base frame shifted by `base_from_camera`, so that single precision suffices.
     pub points_mm: Vec<Point3<f32>>,
-    /// One unit normal per point, out of the material, where the source knew them (a mesh); otherwise empty.
+    /// One unit normal per point, where the source has them (a mesh, a file of a cloud without its camera); otherwise empty.
     pub normals: Vec<Vector3<f32>>,
     /// Pose of the view's frame as the robot reported it (eq. (1)), translation in mm.
     pub base_from_camera: Isometry3<f64>,
@@ -24,9 +24,10 @@ pub struct View {
 }
 
 impl View {
-    /// Whether it is known which side of its surfaces is air: from the camera, or from given normals.
+    /// Whether it is known which side of its surfaces is air: from the camera, or from facets. Normals in a file have to be
+    /// checked first.
     pub fn tells_orientation(&self) -> bool {
-        self.camera_known || !self.normals.is_empty()
+        self.camera_known || self.mesh.is_some()
     }
 }
 
@@ -67,8 +68,12 @@ pub struct Merged {
     pub points_mm: Vec<Point3<f32>>,
     /// Which view saw the point.
     pub view: Vec<u16>,
-    /// Normals of a mesh; empty where the points came from a camera.
+    /// Normals of a mesh or of a file; empty where the points came from a camera.
     pub normals: Vec<Vector3<f32>>,
+    /// Whether these tell sides only, and not the exact direction, as those of a mesh do.
+    pub normals_estimated: bool,
+    /// Whether some view's camera is assumed, not known.
+    pub cameras_unknown: bool,
     /// Position of each view's camera relative to `origin_mm`; where it is unknown, a place far above the points.
     pub cameras_mm: Vec<Point3<f32>>,
 }
@@ -77,7 +82,12 @@ impl Merged {
     /// Puts views together at the given poses.
     pub fn new(views: &[View], base_from_camera: &[Isometry3<f64>]) -> Self {
         let origin_mm = centre_mm(views, base_from_camera);
-        let mut merged = Self { origin_mm, ..Self::default() };
+        let mut merged = Self {
+            origin_mm,
+            normals_estimated: views.iter().any(|view| view.mesh.is_none()),
+            cameras_unknown: views.iter().any(|view| !view.camera_known),
+            ..Self::default()
+        };
         for (k, (view, pose)) in views.iter().zip(base_from_camera).enumerate() {
             let turn: nalgebra::UnitQuaternion<f32> = pose.rotation.cast();
             let turn = turn.to_rotation_matrix();

@@ -130,6 +130,49 @@ impl FromStr for Intrinsics {
     }
 }
 
+/// Where a camera stood, mm, in the frame of the cloud that it took.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(inline)]
+#[serde(try_from = "[f64; 3]", into = "[f64; 3]")]
+pub struct CameraPosition([f64; 3]);
+
+/// Farther from the origin than this nothing stands that looks at a weld, mm.
+const FARTHEST_MM: f64 = 1e6;
+
+impl CameraPosition {
+    /// The position, mm.
+    pub fn mm(self) -> [f64; 3] {
+        self.0
+    }
+}
+
+impl TryFrom<[f64; 3]> for CameraPosition {
+    type Error = String;
+    fn try_from(at_mm: [f64; 3]) -> Result<Self, String> {
+        match at_mm.iter().find(|mm| mm.is_nan() || mm.abs() > FARTHEST_MM) {
+            Some(mm) => Err(format!("{mm} mm: give a position of at most {FARTHEST_MM:.0} mm on each axis")),
+            None => Ok(Self(at_mm)),
+        }
+    }
+}
+
+impl From<CameraPosition> for [f64; 3] {
+    fn from(CameraPosition(at_mm): CameraPosition) -> Self {
+        at_mm
+    }
+}
+
+impl FromStr for CameraPosition {
+    type Err = String;
+    fn from_str(text: &str) -> Result<Self, String> {
+        let number = |part: &str| part.trim().parse::<f64>().map_err(|_| format!("{part:?} is no number"));
+        let numbers = text.split(',').map(number).collect::<Result<Vec<_>, _>>()?;
+        let three: [f64; 3] =
+            numbers.try_into().map_err(|all: Vec<_>| format!("{} numbers; give x,y,z in mm", all.len()))?;
+        three.try_into()
+    }
+}
+
 /// A depth camera: size of its image, intrinsics in pixels, size of a count.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 pub(super) struct Camera {

@@ -10,7 +10,7 @@ use std::path::Path;
 
 use super::format::{self, Reader};
 use super::raw::Raw;
-use super::records::{Records, append};
+use super::records::{Records, append, normals};
 
 /// Bytes in which a header is expected to end.
 const HEAD: usize = 1 << 14;
@@ -38,6 +38,7 @@ pub(super) fn read(path: &Path) -> Option<Raw> {
         let piece = &mut piece[..most.min(count - first) * layout.stride];
         file.read_exact(piece).ok()?;
         append(&mut raw.positions, piece, layout);
+        raw.normals.extend(normals(piece, layout));
     }
     Some(raw)
 }

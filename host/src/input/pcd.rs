@@ -23,12 +23,15 @@ pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<Raw, Error> {
     let meta = PcdMeta::from_reader(&mut data).map_err(|e| bad_header(&e, path))?;
     let columns = Columns::of(&meta.field_defs, path)?;
     let count = check_size(&meta, &columns, data, path)?;
-    let positions = match (meta.data, columns.layout) {
-        _ if count == 0 => Positions::Single(Vec::new()),
-        (DataKind::Binary, Some(layout)) => records::positions(data, layout, count),
+    let (positions, normals) = match (meta.data, columns.layout) {
+        _ if count == 0 => (Positions::Single(Vec::new()), Vec::new()),
+        (DataKind::Binary, Some(layout)) => {
+            let normals = records::normals(&data[..count * layout.stride], layout).collect();
+            (records::positions(data, layout, count), normals)
+        }
         _ => by_library(bytes, bytes.len() - data.len(), &columns, count, path)?,
     };
-    described(positions, &meta, path)
+    Ok(Raw { normals, ..described(positions, &meta, path)? })
 }
 
 /// The records of a file of `length` bytes that begins with `head`; `None` where the fast path does not take it.
@@ -67,11 +70,14 @@ struct Columns {
 
 impl Columns {
     fn of(schema: &Schema, path: &Path) -> Result<Self, Error> {
-        let mut found = [None; 3];
+        let (mut found, mut normal) = ([None; 3], [None; 3]);
         let (mut numbers, mut record) = (0u64, 0u64);
         for field in schema {
             if let Some(axis) = axis(&field.name) {
                 found[axis] = Some((record as usize, field.kind, field.count));
+            }
+            if let (Some(axis), ValueKind::F32, 1) = (normal_axis(&field.name), field.kind, field.count) {
+                normal[axis] = Some(record as usize);
             }
             let too_long = || Error::malformed(path, "COUNT", "the record is too long", EXPORT);
             numbers = numbers.checked_add(field.count).ok_or_else(too_long)?;
@@ -96,7 +102,12 @@ impl Columns {
             [ValueKind::F64, ValueKind::F64, ValueKind::F64] => Some(Width::Double),
             _ => None,
         };
-        let layout = width.map(|width| Layout { stride: record as usize, offsets: [x.0, y.0, z.0], width });
+        let normal = match normal {
+            [Some(x), Some(y), Some(z)] => Some([x, y, z]),
+            _ => None,
+        };
+        let offsets = [x.0, y.0, z.0];
+        let layout = width.map(|width| Layout { stride: record as usize, offsets, width, normal });
         let double = width != Some(Width::Single);
         Ok(Self { numbers, record, double, layout })
     }
@@ -161,26 +172,30 @@ fn by_library(
     columns: &Columns,
     count: usize,
     path: &Path,
-) -> Result<Positions, Error> {
+) -> Result<(Positions, Vec<Vector3<f32>>), Error> {
     let header_lines = bytes[..header].iter().filter(|b| **b == b'\n').count();
     let place = |i: usize| format!("point {i} (line {} if ascii)", header_lines + i + 1);
     let bad = |i: usize, problem: String| Error::malformed(path, place(i), problem, CUT_OFF);
     let reader = Reader::<Xyz, _>::from_reader(bytes).map_err(|e| bad(0, e.to_string()))?;
     memory::hold(path, bytes.len(), "points", count as u64, columns.record + POINT_BYTES)?;
     let mut points = Vec::with_capacity(count);
+    let mut normals = Vec::new();
     for (i, record) in reader.enumerate() {
-        points.push(Point3::from(record.map_err(|e| bad(i, e.to_string()))?.0));
+        let Xyz(xyz, normal) = record.map_err(|e| bad(i, e.to_string()))?;
+        points.push(Point3::from(xyz));
+        normals.extend(normal.map(|n| Vector3::from(n).cast::<f32>()));
     }
-    Ok(match columns.double {
+    let positions = match columns.double {
         true => Positions::Double(points),
         false => Positions::Single(points.iter().map(|p| p.cast::<f32>()).collect()),
-    })
+    };
+    Ok((positions, normals))
 }
 
 const CUT_OFF: &str = "The file is cut off or damaged here: copy or export it again";
 
 /// A record of which x, y and z are kept. The library's own dynamic record allocates for every field of every point.
-struct Xyz([f64; 3]);
+struct Xyz([f64; 3], Option<[f64; 3]>);
 
 impl PcdDeserialize for Xyz {
     /// The order of the fields is looked up as they are read.
@@ -194,17 +209,19 @@ impl PcdDeserialize for Xyz {
     }
 
     fn read_chunk<R: BufRead>(reader: &mut R, fields: &Schema) -> pcd_rs::Result<Self> {
-        let mut xyz = [0.0; 3];
+        let (mut xyz, mut normal) = ([0.0; 3], [None; 3]);
         for field in fields {
             for _ in 0..field.count {
                 let mut bytes = [0; 8];
                 reader.read_exact(&mut bytes[..field.kind.byte_size()])?;
                 if let Some(axis) = axis(&field.name) {
                     xyz[axis] = number(field.kind, bytes);
+                } else if let Some(axis) = normal_axis(&field.name) {
+                    normal[axis] = Some(number(field.kind, bytes));
                 }
             }
         }
-        Ok(Self(xyz))
+        Ok(Self(xyz, whole(normal)))
     }
 
     fn read_line<R: BufRead>(reader: &mut R, fields: &Schema) -> pcd_rs::Result<Self> {
@@ -212,20 +229,31 @@ impl PcdDeserialize for Xyz {
         reader.read_line(&mut line)?;
         let wrong = |desc: String| pcd_rs::error::Error::InvalidArgumentError { desc };
         let mut words = line.split_ascii_whitespace();
-        let mut xyz = [0.0; 3];
+        let (mut xyz, mut normal) = ([0.0; 3], [None; 3]);
         for field in fields {
             for _ in 0..field.count {
                 let word = words.next().ok_or_else(|| wrong(format!("{} is missing", field.name)))?;
                 if let Some(axis) = axis(&field.name) {
                     xyz[axis] = word.parse().map_err(|_| wrong(format!("{} is {word:?}", field.name)))?;
+                } else if let Some(axis) = normal_axis(&field.name) {
+                    normal[axis] = word.parse().ok();
                 }
             }
         }
         match words.next() {
             Some(word) => Err(wrong(format!("{word:?} is more than FIELDS and COUNT say"))),
-            None => Ok(Self(xyz)),
+            None => Ok(Self(xyz, whole(normal))),
         }
     }
+}
+
+fn normal_axis(name: &str) -> Option<usize> {
+    ["normal_x", "normal_y", "normal_z"].iter().position(|axis| name.eq_ignore_ascii_case(axis))
+}
+
+/// A normal of which all three components are there.
+fn whole([x, y, z]: [Option<f64>; 3]) -> Option<[f64; 3]> {
+    Some([x?, y?, z?])
 }
 
 fn axis(name: &str) -> Option<usize> {
@@ -322,7 +350,28 @@ mod tests {
         let meta = PcdMeta::from_reader(&bytes[..]).unwrap();
         let columns = Columns::of(&meta.field_defs, Path::new("a.pcd")).unwrap();
         assert!(columns.layout.is_some());
-        same(&by_library(&bytes, 0, &columns, 3, Path::new("a.pcd")).unwrap());
+        same(&by_library(&bytes, 0, &columns, 3, Path::new("a.pcd")).unwrap().0);
+    }
+
+    #[test]
+    fn normals_are_read_in_any_order_of_the_fields_and_encoding() {
+        let header = |data: &str| {
+            format!(
+                "VERSION .7\nFIELDS normal_x normal_y normal_z x y z\nSIZE 4 4 4 4 4 4\nTYPE F F F F F F\nWIDTH 2\nHEIGHT 1\n\
+                 POINTS 2\nDATA {data}\n"
+            )
+        };
+        let rows = [[0.0f32, 0.6, -0.8, 1.0, 2.0, 3.0], [1.0, 0.0, 0.0, 4.0, 5.0, 6.0]];
+        let words = rows.map(|row| row.map(|n| n.to_string()).join(" ")).join("\n");
+        let bytes: Vec<u8> = rows.iter().flatten().flat_map(|n| n.to_le_bytes()).collect();
+        for file in [
+            format!("{}{words}\n", header("ascii")).into_bytes(),
+            [header("binary").into_bytes(), bytes].concat(),
+        ] {
+            let raw = parse(&file, Path::new("a.pcd")).unwrap();
+            assert_eq!(raw.normals, [Vector3::new(0.0, 0.6, -0.8), Vector3::x()]);
+            assert_eq!(raw.positions.at(1), Vector3::new(4.0, 5.0, 6.0));
+        }
     }
 
     #[test]

@@ -5,7 +5,7 @@
 
 use std::path::Path;
 
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 use ply_rs_bw::parser::{ParseError, Parser, Reader};
 use ply_rs_bw::ply::{
     ElementDef, Encoding, Header, Property, PropertyAccess, PropertyAccessResult, PropertyType, ScalarType,
@@ -26,7 +26,10 @@ pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<Raw, Error> {
     let Begin { header, lines, bytes: begin, points, layout } = Begin::of(bytes, bytes.len(), path)?;
     let data = &bytes[begin..];
     let raw = match layout {
-        Some(layout) => Raw::from(records::positions(data, layout, points)),
+        Some(layout) => {
+            let normals = records::normals(&data[..points * layout.stride], layout).collect();
+            Raw { normals, ..Raw::from(records::positions(data, layout, points)) }
+        }
         None if header.encoding == Encoding::Ascii => {
             from_rows(&ascii_rows(data, lines, &header, path)?, bytes.len(), path)?
         }
@@ -152,16 +155,23 @@ fn fast_layout(header: &Header, vertex: &ElementDef) -> Option<Layout> {
     if header.encoding != Encoding::BinaryLittleEndian || first.name != vertex.name {
         return None;
     }
-    let (mut stride, mut fields) = (0, [None; 3]);
+    let (mut stride, mut fields, mut normal) = (0, [None; 3], [None; 3]);
     for (name, property) in &vertex.properties {
         let PropertyType::Scalar(scalar) = &property.data_type else { return None };
         if let Some(k) = axis(name) {
             fields[k] = Some((stride, width(scalar)?));
         }
+        if let (Some(k), ScalarType::Float) = (normal_axis(name), scalar) {
+            normal[k] = Some(stride);
+        }
         stride += size(scalar);
     }
     let [Some((x, width)), Some((y, y_width)), Some((z, z_width))] = fields else { return None };
-    (width == y_width && width == z_width).then_some(Layout { stride, offsets: [x, y, z], width })
+    let normal = match normal {
+        [Some(x), Some(y), Some(z)] => Some([x, y, z]),
+        _ => None,
+    };
+    (width == y_width && width == z_width).then_some(Layout { stride, offsets: [x, y, z], width, normal })
 }
 
 fn width(scalar: &ScalarType) -> Option<Width> {
@@ -174,6 +184,10 @@ fn width(scalar: &ScalarType) -> Option<Width> {
 
 fn axis(name: &str) -> Option<usize> {
     ["x", "y", "z"].iter().position(|axis| *axis == name)
+}
+
+fn normal_axis(name: &str) -> Option<usize> {
+    ["nx", "ny", "nz"].iter().position(|axis| *axis == name)
 }
 
 const INDICES: [&str; 2] = ["vertex_indices", "vertex_index"];
@@ -189,6 +203,7 @@ fn indices_of(face: &ElementDef) -> Option<&str> {
 #[derive(Debug, Default)]
 struct Row {
     xyz: [f64; 3],
+    normal: [Option<f64>; 3],
     indices: Vec<u32>,
 }
 
@@ -217,6 +232,8 @@ impl PropertyAccess for Row {
     fn set_property(&mut self, name: &str, property: Property) -> PropertyAccessResult {
         if let (Some(k), Some(value)) = (axis(name), scalar(&property)) {
             self.xyz[k] = value;
+        } else if let Some(k) = normal_axis(name) {
+            self.normal[k] = scalar(&property);
         } else if INDICES.contains(&name) {
             match property.to_u32_list() {
                 Some(indices) => self.indices = indices,
@@ -292,6 +309,8 @@ fn ascii_row(line: &[u8], element: &ElementDef) -> Result<Row, String> {
             PropertyType::Scalar(_) => {
                 if let Some(k) = axis(name) {
                     row.xyz[k] = word.parse().map_err(|_| format!("{name} is {word:?}, not a number"))?;
+                } else if let Some(k) = normal_axis(name) {
+                    row.normal[k] = word.parse().ok();
                 }
             }
             PropertyType::List(..) => {
@@ -320,6 +339,8 @@ fn from_rows(rows: &Rows, file_bytes: usize, path: &Path) -> Result<Raw, Error> 
         })?;
     }
     let mut raw = Raw::from(Positions::Double(vertices));
+    let normal = |row: &Row| Some(Vector3::new(row.normal[0]?, row.normal[1]?, row.normal[2]?).cast());
+    raw.normals = rows.vertices.iter().map(normal).collect::<Option<_>>().unwrap_or_default();
     raw.triangles = triangles;
     Ok(raw)
 }

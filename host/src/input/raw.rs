@@ -28,6 +28,8 @@ pub(super) struct Raw {
     /// Where the file says that the camera stood (PCD `VIEWPOINT`), file units.
     pub viewpoint: Option<Vector3<f64>>,
     pub notes: Vec<String>,
+    /// One per position where the file has normals, of any length, in the axes of the file; otherwise empty.
+    pub normals: Vec<Vector3<f32>>,
 }
 
 /// Coordinates beyond this, in any unit, are as unusable as an infinite one.
@@ -35,7 +37,14 @@ pub(super) const FARTHEST: f64 = 1e9;
 
 impl From<Positions> for Raw {
     fn from(positions: Positions) -> Self {
-        Self { positions, triangles: Vec::new(), unit: None, viewpoint: None, notes: Vec::new() }
+        Self {
+            positions,
+            triangles: Vec::new(),
+            unit: None,
+            viewpoint: None,
+            notes: Vec::new(),
+            normals: Vec::new(),
+        }
     }
 }
 
@@ -83,9 +92,12 @@ impl Raw {
     pub(super) fn clean(&mut self, path: &Path, notes: &mut Vec<String>) -> Result<(), Error> {
         let total = self.positions.len();
         if self.triangles.is_empty() {
+            if self.normals.len() != total {
+                self.normals.clear();
+            }
             let (unusable, zeros) = match &mut self.positions {
-                Positions::Single(points) => drop_unusable(points),
-                Positions::Double(points) => drop_unusable(points),
+                Positions::Single(points) => drop_unusable(points, &mut self.normals),
+                Positions::Double(points) => drop_unusable(points, &mut self.normals),
             };
             note_dropped(unusable, "without finite coordinates", total, notes);
             note_dropped(zeros, "at exactly (0, 0, 0), the mark of no reading", total, notes);
@@ -119,7 +131,10 @@ impl Raw {
 }
 
 /// Drops what is no reading and counts it: (not finite, exactly zero).
-fn drop_unusable<T: RealField + Copy + Sync>(points: &mut Vec<Point3<T>>) -> (usize, usize) {
+fn drop_unusable<T: RealField + Copy + Sync>(
+    points: &mut Vec<Point3<T>>,
+    normals: &mut Vec<Vector3<f32>>,
+) -> (usize, usize) {
     let farthest = nalgebra::convert(FARTHEST);
     // False for NaN, too.
     let usable = |p: &Point3<T>| (p.x.abs() <= farthest) & (p.y.abs() <= farthest) & (p.z.abs() <= farthest);
@@ -134,7 +149,10 @@ fn drop_unusable<T: RealField + Copy + Sync>(points: &mut Vec<Point3<T>>) -> (us
         zeros = 0;
     }
     if unusable + zeros > 0 {
-        points.retain(|p| usable(p) && (zeros == 0 || !zero(p)));
+        let stays = |p: &Point3<T>| usable(p) && (zeros == 0 || !zero(p));
+        let mut of_normals = points.iter().map(stays);
+        normals.retain(|_| of_normals.next().unwrap_or(false));
+        points.retain(stays);
     }
     (unusable, zeros)
 }

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 
 use super::Error;
 use super::raw::{Positions, Raw};
@@ -16,6 +16,8 @@ pub(super) struct Layout {
     pub offsets: [usize; 3],
     /// Bytes per coordinate: 4 or 8.
     pub width: Width,
+    /// Byte offsets of a normal in single precision, where there is one.
+    pub normal: Option<[usize; 3]>,
 }
 
 /// Precision of a coordinate.
@@ -65,6 +67,15 @@ pub(super) fn positions(data: &[u8], layout: Layout, count: usize) -> Positions 
     let mut positions = layout.none();
     append(&mut positions, &data[..count * layout.stride], layout);
     positions
+}
+
+/// The normals of whole records, where there are some.
+pub(super) fn normals(data: &[u8], layout: Layout) -> impl Iterator<Item = Vector3<f32>> + '_ {
+    let of = move |offsets: [usize; 3]| {
+        let normal = move |record| Vector3::from(offsets.map(|at| single(record, at)));
+        data.chunks_exact(layout.stride).map(normal)
+    };
+    layout.normal.into_iter().flat_map(of)
 }
 
 impl Layout {
@@ -132,7 +143,7 @@ mod tests {
         for v in [3.0f32, 1.0, 2.0] {
             record.extend(v.to_le_bytes());
         }
-        let layout = Layout { stride: 13, offsets: [5, 9, 1], width: Width::Single };
+        let layout = Layout { stride: 13, offsets: [5, 9, 1], width: Width::Single, normal: None };
         let two = [record.clone(), record].concat();
         let point = Point3::new(1.0, 2.0, 3.0);
         assert_eq!(positions(&two, layout, 2), Positions::Single(vec![point, point]));

@@ -191,14 +191,18 @@ pub fn voxel_grid(merged: &Merged, edge_mm: f32, occupancy: Occupancy) -> Voxels
     let points_mm: Vec<Point3<f32>> = kept.par_iter().map(|&k| cells.centroid(k)).collect();
     let sums = cells.sums();
     let sights = sights(merged, &cells, &kept, &points_mm);
-    let normals = if given.is_empty() {
+    let normals = if given.is_empty() || merged.normals_estimated {
         let found = kept.par_chunks(2).map(|two| {
             let [one, other] = [two[0], two[two.len() - 1]].map(|k| cells.window(k, &sums, 1));
             Sums::scatter([&one, &other]).map(|fit| fit.normal())
         });
         let mut normals = found.collect::<Vec<_>>().into_flattened();
         normals.truncate(kept.len());
-        normals.iter_mut().zip(&sights).for_each(|(normal, seen)| *normal = facing(*normal, &seen.toward));
+        if given.is_empty() {
+            normals.iter_mut().zip(&sights).for_each(|(n, seen)| *n = facing(*n, &seen.toward));
+        } else {
+            normals.iter_mut().zip(&kept).for_each(|(n, &k)| *n = facing(*n, &given[k]));
+        }
         normals
     } else {
         kept.iter().map(|&k| given[k]).collect()

@@ -1,198 +1,474 @@
-//! Sides of normals where no camera is known (ours; the paper's clouds come with their camera).
+//! Orientation of surfaces where no camera is known (ours; the paper's clouds come with their camera): which of their two sides
+//! looks into free space, seen from round the part.
 //!
-//! A normal's side spreads from the highest point, which faces up, to its neighbours, most alike first (Hoppe et al. 1992,
-//! *Surface reconstruction from unorganized points*). Around an edge the fitted normals turn gradually, so the side carries over.
+//! The cloud is looked at from far away in many directions. What such a look sees of a surface it sees from its air side; the
+//! inside of a plate is hidden by the plate. What was scanned on a table says nothing from below, where nothing was scanned:
+//! a plane with nothing behind it, on which the rest stands, is looked at from the side of the rest alone. None of this
+//! knows an axis or a unit: only the voxels.
 
 use crate::geometry::grid::Grid;
-use crate::geometry::grid::lanes::{LANES, eight};
 use crate::model::downsampling::Voxels;
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Point3, Vector3};
 use rayon::prelude::*;
+use std::cmp::Reverse;
 use std::collections::BinaryHeap;
-use wide::f32x8;
 
-/// Neighbours farther apart than this are not the same surface, voxels.
-const REACH_VOXELS: f32 = 2.0;
+/// Directions all round.
+const LOOKS: usize = 96;
+/// Sine of the least height of a look over a table.
+const LEAST_HEIGHT: f32 = 0.12;
+/// Edge of a pixel and depth by which what is seen in it may differ, voxels.
+const PIXEL_VOXELS: f32 = 1.5;
+const DEPTH_VOXELS: f32 = 1.2;
+/// Cosine of the steepest angle at which a surface is seen.
+const LEAST_COSINE: f32 = 0.2;
+/// Neighbours within so many voxels have a say on a side.
+const REACH_VOXELS: f32 = 2.5;
+/// Share of the pixels along one axis of a look at most: stray points are off the picture.
+const MOST_PIXELS: f32 = 2048.0;
+/// Given sides are right, or all wrong, if this share of what is seen says so.
+const AGREES: f32 = 0.85;
 
-/// The normals of a cloud, turned to one side of its surface.
-pub fn propagated(voxels: &Voxels) -> Vec<Vector3<f32>> {
-    let reach_mm = REACH_VOXELS * voxels.edge_mm;
-    let grid = Grid::new(&voxels.cloud.points_mm, reach_mm);
-    let mut by_height: Vec<usize> = (0..grid.len()).collect();
-    let [.., heights] = grid.columns();
-    by_height.par_sort_unstable_by(|&a, &b| heights[b].total_cmp(&heights[a]).then(a.cmp(&b)));
-    let mut sides = Sides::new(&grid, &voxels.cloud.normals);
-    for seed in by_height {
-        if sides.likeness[seed] != DONE {
-            sides.spread(seed, reach_mm);
-        }
-    }
-    grid.by_point(&sides.normals)
+/// What was found of the sides.
+#[derive(Debug, Clone, Default)]
+pub struct Orientation {
+    /// The normals, out of the material.
+    pub normals: Vec<Vector3<f32>>,
+    /// Which of them nothing was known of.
+    pub unknown: Vec<bool>,
+    /// A plane with nothing behind it, toward the rest.
+    pub table: Option<Vector3<f32>>,
+    /// Whether the cloud looks alike from over and from below, and is taken as seen from above, +z.
+    pub assumed: bool,
+    /// Share of the given sides that what is seen bears out; none if none were given.
+    pub borne_out: Option<f32>,
 }
 
-/// More alike than any two unit vectors: the normal is turned.
-const DONE: f32 = f32::INFINITY;
-
-/// Normals by slot, on their way to one side; what is read eight at a time is padded.
-struct Sides<'a> {
-    grid: &'a Grid,
-    normals: Vec<Vector3<f32>>,
-    /// As they were given, column by column: how alike two are does not depend on their sides.
-    columns: [Vec<f32>; 3],
-    /// Of the likest step to each slot so far.
-    likeness: Vec<f32>,
-    /// Where that step begins.
-    from: Vec<u32>,
-    queue: Queue,
+impl Orientation {
+    /// What the user should know.
+    pub fn words(&self) -> Option<String> {
+        let share = self.borne_out.filter(|share| *share <= AGREES)?;
+        Some(if share < 1.0 - AGREES {
+            "the normals in the file point into the material: they were turned over".into()
+        } else {
+            format!(
+                "the normals in the file face either side ({:.0} % face the air): their sides were found from what is seen from \
+                 round the part",
+                100.0 * share
+            )
+        })
+    }
 }
 
-impl<'a> Sides<'a> {
-    fn new(grid: &'a Grid, normals: &[Vector3<f32>]) -> Self {
-        let normals = grid.by_slot(normals);
-        let padding = [0.0; LANES - 1];
-        let columns = [0, 1, 2].map(|axis| normals.iter().map(|n| n[axis]).chain(padding).collect());
-        let mut likeness = vec![f32::NEG_INFINITY; grid.len()];
-        likeness.extend([DONE; LANES - 1]);
-        Self { grid, normals, columns, likeness, from: vec![0; grid.len()], queue: Queue::default() }
+/// The sides of a thinned cloud; `given` says whether its normals came with sides, which then are only checked.
+pub fn seen(voxels: &Voxels, given: bool) -> Orientation {
+    let (points, normals) = (&voxels.cloud.points_mm, &voxels.cloud.normals);
+    let table = table(voxels);
+    let looks = looks(voxels, table.as_ref());
+    let votes = smoothed(voxels, &votes(points, normals, voxels.edge_mm, &looks.directions));
+    let judged = votes.iter().filter(|vote| vote.abs() > 0.5);
+    let (agree, all) = judged.fold((0u32, 0u32), |(yes, all), vote| (yes + u32::from(*vote > 0.0), all + 1));
+    let share = agree as f32 / all.max(1) as f32;
+    let keeps = given && share > AGREES;
+    let turns = given && share < 1.0 - AGREES;
+    let (mut sides, unknown): (Vec<Vector3<f32>>, Vec<bool>) = match (keeps, turns) {
+        (true, _) => (normals.clone(), vec![false; normals.len()]),
+        (_, true) => (normals.iter().map(|n| -n).collect(), vec![false; normals.len()]),
+        _ => spread(voxels, &votes),
+    };
+    sides.iter_mut().for_each(|n| *n = n.try_normalize(1e-6).unwrap_or_else(Vector3::z));
+    let assumed = looks.assumed && !keeps && !turns;
+    Orientation {
+        normals: sides,
+        unknown,
+        table: table.map(|t| t.up),
+        assumed,
+        borne_out: given.then_some(share),
     }
+}
 
-    /// Turns the seed up, and what can be reached from it accordingly.
-    fn spread(&mut self, seed: usize, reach_mm: f32) {
-        if self.normals[seed].z < 0.0 {
-            self.normals[seed] = -self.normals[seed];
-        }
-        self.from[seed] = seed as u32;
-        self.queue.push(1.0, seed);
-        while let Some(slot) = self.queue.pop() {
-            if std::mem::replace(&mut self.likeness[slot], DONE) != DONE {
-                if self.normals[slot].dot(&self.normals[self.from[slot] as usize]) < 0.0 {
-                    self.normals[slot] = -self.normals[slot];
-                }
-                self.step_on(slot, reach_mm);
-            }
-        }
-    }
+/// Votes from here on are sure. A plate of which one side was scanned is seen from both: its side carries over from what
+/// is next to it, most alike first (Hoppe et al. 1992, *Surface reconstruction from unorganized points*).
+const SURE: f32 = 0.4;
 
-    /// Steps from `slot` that are liker than those that wait; others would come too late.
-    fn step_on(&mut self, slot: usize, reach_mm: f32) {
-        let Self { grid, normals, columns, likeness, from, queue } = self;
-        let (at, own) = (grid.point(slot), normals[slot]);
-        let (place, limit) = ([at.x, at.y, at.z].map(f32x8::splat), f32x8::splat(reach_mm * reach_mm));
-        grid.runs(&at, reach_mm, |run| {
-            // Past the end of a run come points of other cells, judged by their distance like all, and past the last slot what
-            // counts as turned.
-            for first in run.step_by(LANES) {
-                let [x, y, z] = columns.each_ref().map(|column| eight(column, first));
-                let alike = (x * own.x + y * own.y + z * own.z).abs();
-                let better = alike.simd_gt(eight(likeness, first))
-                    & grid.squared_distances(first, &place).simd_lt(limit);
-                let (alike, mut better) = (alike.to_array(), better.to_bitmask());
-                while better != 0 {
-                    let lane = better.trailing_zeros() as usize;
-                    better &= better - 1;
-                    (likeness[first + lane], from[first + lane]) = (alike[lane], slot as u32);
-                    queue.push(alike[lane], first + lane);
-                }
+/// The normals turned as sure votes say, and from these on to the others; and which nothing reached.
+fn spread(voxels: &Voxels, votes: &[f32]) -> (Vec<Vector3<f32>>, Vec<bool>) {
+    let points = &voxels.cloud.points_mm;
+    let reach_mm = SPREAD_VOXELS * voxels.edge_mm;
+    let grid = Grid::new(points, reach_mm);
+    let mut unknown: Vec<bool> = votes.iter().map(|vote| vote.abs() < SURE).collect();
+    let turn = |(n, vote): (&Vector3<f32>, &f32)| if *vote < 0.0 { -n } else { *n };
+    let mut normals: Vec<Vector3<f32>> = voxels.cloud.normals.iter().zip(votes).map(turn).collect();
+    // By likeness, whose bits are ordered as it is, then by place: the order does not depend on chance.
+    let mut queue: BinaryHeap<(u32, Reverse<(usize, usize)>)> = BinaryHeap::new();
+    let steps = |from: usize, unknown: &[bool], normals: &[Vector3<f32>], queue: &mut BinaryHeap<_>| {
+        grid.within(&points[from], reach_mm, |slot, _| {
+            let to = grid.index(slot);
+            if unknown[to] {
+                let alike = normals[from].dot(&normals[to]).abs();
+                queue.push((alike.to_bits(), Reverse((to, from))));
             }
         });
-    }
-}
-
-/// Slots to step to: the likest first, and of equal ones the last slot.
-///
-/// A heap for each class of likeness, and so small ones: most steps wait until a liker one has been taken instead.
-struct Queue {
-    heaps: [BinaryHeap<u64>; CLASSES],
-    /// Those before are empty.
-    best: usize,
-    /// In all of them.
-    held: usize,
-}
-
-impl Default for Queue {
-    fn default() -> Self {
-        Self { heaps: [const { BinaryHeap::new() }; CLASSES], best: 0, held: 0 }
-    }
-}
-
-impl Queue {
-    /// `likeness` is 0 or more: the bits of such numbers are ordered as they are.
-    fn push(&mut self, likeness: f32, slot: usize) {
-        let class = class(likeness);
-        self.heaps[class].push(u64::from(likeness.to_bits()) << 32 | slot as u64);
-        self.best = self.best.min(class);
-        self.held += 1;
-    }
-
-    fn pop(&mut self) -> Option<usize> {
-        self.held = self.held.checked_sub(1)?;
-        loop {
-            if let Some(key) = self.heaps.get_mut(self.best)?.pop() {
-                return Some(key as u32 as usize);
+    };
+    (0..points.len()).filter(|&i| !unknown[i]).for_each(|i| steps(i, &unknown, &normals, &mut queue));
+    while let Some((_, Reverse((to, from)))) = queue.pop() {
+        if std::mem::replace(&mut unknown[to], false) {
+            if normals[to].dot(&normals[from]) < 0.0 {
+                normals[to] = -normals[to];
             }
-            self.best += 1;
+            steps(to, &unknown, &normals, &mut queue);
         }
     }
+    (normals, unknown)
 }
 
-/// For no difference, eight for each halving of what is missing to 1, from 2^-24 on, and for likeness 0.
-const CLASSES: usize = 1 + 8 * 24 + 1;
+/// Neighbours farther apart than this are not the same surface, voxels.
+const SPREAD_VOXELS: f32 = 2.0;
 
-/// 0 for the most alike.
-fn class(likeness: f32) -> usize {
-    const EIGHTH: u32 = 20;
-    const LEAST: u32 = (f32::EPSILON / 2.0).to_bits() >> EIGHTH;
-    let missing = (1.0 - likeness).max(0.0).to_bits() >> EIGHTH;
-    (missing.saturating_sub(LEAST - 1) as usize).min(CLASSES - 1)
+/// Unit directions from which to look, evenly spread (Fibonacci's spiral).
+fn directions() -> impl Iterator<Item = Vector3<f32>> {
+    let golden = std::f32::consts::PI * (3.0 - 5f32.sqrt());
+    (0..LOOKS).map(move |k| {
+        let z = 1.0 - (2.0 * k as f32 + 1.0) / LOOKS as f32;
+        let (sin, cos) = (golden * k as f32).sin_cos();
+        let r = (1.0 - z * z).max(0.0).sqrt();
+        Vector3::new(r * cos, r * sin, z)
+    })
+}
+
+/// Whence a cloud is looked at.
+struct Looks {
+    directions: Vec<Vector3<f32>>,
+    /// Whether from above, +z, only because what is seen does not tell.
+    assumed: bool,
+}
+
+/// From over the table, or from the half of all directions that sees nearly everything: that is whence it was scanned. A
+/// sheet without thickness is seen as well from behind: then from above, if above is over it. Else from all round.
+fn looks(voxels: &Voxels, table: Option<&Table>) -> Looks {
+    let half = |up: &Vector3<f32>| directions().filter(|d| d.dot(up) > LEAST_HEIGHT).collect::<Vec<_>>();
+    let (points, normals) = (&voxels.cloud.points_mm, &voxels.cloud.normals);
+    let shown = |up: &Vector3<f32>| {
+        let counts = counts(points, normals, voxels.edge_mm, &half(up));
+        counts.iter().filter(|[front, back]| front + back > 0).count() as f32 / points.len().max(1) as f32
+    };
+    if let Some(table) = table.filter(|table| table.surrounds || shown(&-table.up) <= WHOLE) {
+        return Looks { directions: half(&table.up), assumed: false };
+    }
+    let whole =
+        |axis: Vector3<f32>| [axis, -axis].map(|up| (shown(&up), up)).map(|(s, up)| (s > WHOLE, s, up));
+    let axes: Vec<_> = common_axes(normals).into_iter().map(whole).collect();
+    let above = axes.iter().filter(|[one, other]| one.0 && other.0).flatten().map(|(.., up)| *up);
+    if let Some(up) = above.max_by(|a, b| a.z.total_cmp(&b.z)) {
+        let assumed = up.z > LEAST_UP;
+        return Looks { directions: if assumed { half(&up) } else { directions().collect() }, assumed };
+    }
+    let best = axes.iter().flatten().filter(|(whole, ..)| *whole).max_by(|a, b| a.1.total_cmp(&b.1));
+    let directions = best.map_or_else(|| directions().collect(), |(.., up)| half(up));
+    Looks { directions, assumed: false }
+}
+
+/// Share of the voxels that half of the directions must see to be those whence the cloud was scanned.
+const WHOLE: f32 = 0.97;
+/// Sine of the least slope of a sheet of which above is over one side: 17 degrees.
+const LEAST_UP: f32 = 0.3;
+
+/// How many looks see each voxel from the side of its normal, and from the other.
+fn counts(
+    points: &[Point3<f32>],
+    normals: &[Vector3<f32>],
+    edge_mm: f32,
+    looks: &[Vector3<f32>],
+) -> Vec<[u16; 2]> {
+    let seen: Vec<Vec<bool>> = looks.par_iter().map(|look| visible(points, normals, edge_mm, look)).collect();
+    let count = |i: usize| {
+        let mut sides = [0; 2];
+        for (look, seen) in looks.iter().zip(&seen) {
+            if seen[i] {
+                sides[usize::from(normals[i].dot(look) < 0.0)] += 1;
+            }
+        }
+        sides
+    };
+    (0..points.len()).into_par_iter().map(count).collect()
+}
+
+/// From -1, seen from behind only, to 1; 0 where it is not seen.
+fn votes(points: &[Point3<f32>], normals: &[Vector3<f32>], edge_mm: f32, looks: &[Vector3<f32>]) -> Vec<f32> {
+    let vote = |[front, back]: [u16; 2]| {
+        let (front, back) = (f32::from(front), f32::from(back));
+        if front + back > 0.0 { (front - back) / (front + back) } else { 0.0 }
+    };
+    counts(points, normals, edge_mm, looks).into_iter().map(vote).collect()
+}
+
+/// Which voxels a look from far away in this direction sees.
+fn visible(points: &[Point3<f32>], normals: &[Vector3<f32>], edge_mm: f32, look: &Vector3<f32>) -> Vec<bool> {
+    let mut aside = Vector3::zeros();
+    aside[look.iamin()] = 1.0;
+    let right = look.cross(&aside).normalize();
+    let up = look.cross(&right);
+    let pixel_mm = PIXEL_VOXELS * edge_mm;
+    let spans = [middle_span(points, &right), middle_span(points, &up)];
+    let sizes = spans.map(|[low, high]| ((high - low) / pixel_mm + 1.0).min(MOST_PIXELS) as usize + 1);
+    let pixel = |p: &Point3<f32>| {
+        let at = [p.coords.dot(&right) - spans[0][0], p.coords.dot(&up) - spans[1][0]].map(|c| c / pixel_mm);
+        let inside = (0..2).all(|k| at[k] >= 0.0 && at[k] < sizes[k] as f32);
+        inside.then(|| at[1] as usize * sizes[0] + at[0] as usize)
+    };
+    let mut nearest = vec![f32::MIN; sizes[0] * sizes[1]];
+    let pixels: Vec<Option<usize>> = points.iter().map(pixel).collect();
+    for (p, pixel) in points.iter().zip(&pixels) {
+        if let Some(pixel) = *pixel {
+            nearest[pixel] = nearest[pixel].max(p.coords.dot(look));
+        }
+    }
+    let sees = |((p, n), pixel): ((&Point3<f32>, &Vector3<f32>), &Option<usize>)| {
+        let Some(pixel) = *pixel else { return false };
+        let cosine = n.dot(look).abs();
+        let slope = (1.0 - cosine * cosine).max(0.0).sqrt() / cosine.max(LEAST_COSINE);
+        cosine > LEAST_COSINE
+            && nearest[pixel] - p.coords.dot(look) < DEPTH_VOXELS * edge_mm + pixel_mm * slope
+    };
+    points.iter().zip(normals).zip(&pixels).map(sees).collect()
+}
+
+/// From where to where all but one in 500 of the points reach along an axis, and a little more.
+fn middle_span(points: &[Point3<f32>], axis: &Vector3<f32>) -> [f32; 2] {
+    let step = (points.len() / 20_000).max(1);
+    let mut along: Vec<f32> = points.iter().step_by(step).map(|p| p.coords.dot(axis)).collect();
+    along.sort_unstable_by(f32::total_cmp);
+    let cut = along.len() / 500;
+    let (low, high) = (along[cut], along[along.len() - 1 - cut]);
+    let margin = 0.05 * (high - low) + 1.0;
+    [low - margin, high + margin]
+}
+
+/// Each vote with those of its neighbours that lie in about the same surface.
+fn smoothed(voxels: &Voxels, votes: &[f32]) -> Vec<f32> {
+    let (points, normals) = (&voxels.cloud.points_mm, &voxels.cloud.normals);
+    let reach_mm = REACH_VOXELS * voxels.edge_mm;
+    let grid = Grid::new(points, reach_mm);
+    let vote = |i: usize| {
+        let (mut sum, mut weight) = (0.0, 0.0);
+        grid.within(&points[i], reach_mm, |slot, _| {
+            let k = grid.index(slot);
+            let alike = normals[i].dot(&normals[k]);
+            sum += votes[k] * alike * alike.abs();
+            weight += alike * alike;
+        });
+        sum / f32::max(weight, 1e-6)
+    };
+    (0..points.len()).into_par_iter().map(vote).collect()
+}
+
+/// The most common axes of normals, whichever way they face, the most common first.
+fn common_axes(normals: &[Vector3<f32>]) -> Vec<Vector3<f32>> {
+    const CELLS: f32 = 5.0;
+    let side = 2 * CELLS as usize + 1;
+    let mut bins = vec![(0usize, Matrix3::zeros()); side * side * side];
+    for n in normals {
+        // One of the two ways for a bin: where the largest component is positive.
+        let n = if n[n.iamax()] < 0.0 { -n } else { *n };
+        let cell = n.map(|c| ((c * CELLS).round() + CELLS).clamp(0.0, 2.0 * CELLS) as usize);
+        let bin = &mut bins[(cell.x * side + cell.y) * side + cell.z];
+        *bin = (bin.0 + 1, bin.1 + n * n.transpose());
+    }
+    bins.sort_by_key(|b| std::cmp::Reverse(b.0));
+    let main = |sum: &Matrix3<f32>| {
+        let eigen = sum.symmetric_eigen();
+        eigen.eigenvectors.column(eigen.eigenvalues.imax()).into_owned()
+    };
+    // Where the bins' borders are must not matter: each is moved to the middle of what is about it.
+    let centred = |axis: Vector3<f32>| {
+        let about = normals.iter().filter(|n| n.dot(&axis).abs() > ONE_AXIS);
+        main(&about.map(|n| n * n.transpose()).sum())
+    };
+    let mut axes: Vec<Vector3<f32>> = Vec::new();
+    for (_, sum) in bins.iter().take(BINS).filter(|bin| bin.0 > 0) {
+        let axis = centred(centred(main(sum)));
+        if axes.len() < AXES && axes.iter().all(|other| other.dot(&axis).abs() < ONE_AXIS) {
+            axes.push(axis);
+        }
+    }
+    axes
+}
+
+/// Axes that are tried, bins that they come from, and cosine from which on two are one: 11 degrees.
+const AXES: usize = 6;
+const BINS: usize = 24;
+const ONE_AXIS: f32 = 0.98;
+
+/// Least share of all points in a table, largest behind it, and least on it that stands.
+const TABLE_SHARE: f32 = 0.15;
+const MOST_BEHIND: f32 = 0.01;
+const LEAST_STANDING: f32 = 0.005;
+/// Half its thickness, voxels.
+const FLAT_VOXELS: f32 = 1.5;
+/// Least share of it that is seen from over it: the underside of a plate is hidden by the plate.
+const OPEN: f32 = 0.5;
+
+/// A large plane with nothing behind it, on which the rest stands, and which is seen from there.
+struct Table {
+    /// The way it faces.
+    up: Vector3<f32>,
+    /// Of all points.
+    share: f32,
+    /// Whether it reaches farther than what stands on it, whichever way one looks along it.
+    surrounds: bool,
+}
+
+fn table(voxels: &Voxels) -> Option<Table> {
+    let planes: Vec<_> =
+        common_axes(&voxels.cloud.normals).into_iter().flat_map(|axis| [axis, -axis]).collect();
+    let tables: Vec<Table> = planes.par_iter().filter_map(|up| table_along(voxels, up)).collect();
+    tables.into_iter().max_by(|a, b| a.share.total_cmp(&b.share))
+}
+
+/// Whether the plane at `level_mm` along `up` reaches farther than what stands on it, whichever way one looks along it: a
+/// table, and not the plate of a T joint that was cut out. Half its thickness is `half_mm`.
+pub fn surrounds(points: &[Point3<f32>], up: &Vector3<f32>, level_mm: f32, half_mm: f32) -> bool {
+    const WAYS: usize = 16;
+    const MARGIN_MM: f32 = 10.0;
+    // Lower than this it may be the table's own noise, half thicknesses.
+    const STANDS: f32 = 3.0;
+    let mut aside = Vector3::zeros();
+    aside[up.iamin()] = 1.0;
+    let a = up.cross(&aside).normalize();
+    let b = up.cross(&a);
+    let way = |k: usize| {
+        let (sin, cos) = (std::f32::consts::TAU * k as f32 / WAYS as f32).sin_cos();
+        a * cos + b * sin
+    };
+    let ways: Vec<Vector3<f32>> = (0..WAYS).map(way).collect();
+    let mut reach = [[f32::MIN; WAYS]; 2];
+    for p in points {
+        let height = p.coords.dot(up) - level_mm;
+        let stands = height > STANDS * half_mm;
+        if stands || height.abs() < half_mm {
+            for (way, reach) in ways.iter().zip(&mut reach[usize::from(stands)]) {
+                *reach = reach.max(way.dot(&p.coords));
+            }
+        }
+    }
+    (0..WAYS).all(|k| reach[0][k] > reach[1][k] + MARGIN_MM)
+}
+
+/// The table that faces about this way.
+fn table_along(voxels: &Voxels, up: &Vector3<f32>) -> Option<Table> {
+    let (points, normals) = (&voxels.cloud.points_mm, &voxels.cloud.normals);
+    let total = points.len() as f32;
+    let half_mm = FLAT_VOXELS * voxels.edge_mm;
+    let mut up = *up;
+    let mut level_mm = lowest_level(points, normals, &up, half_mm)?;
+    for _ in 0..3 {
+        let on: Vec<&Point3<f32>> =
+            points.iter().filter(|p| (p.coords.dot(&up) - level_mm).abs() < 2.0 * half_mm).collect();
+        let mean = on.iter().map(|p| p.coords).sum::<Vector3<f32>>() / on.len().max(1) as f32;
+        let scatter: Matrix3<f32> =
+            on.iter().map(|p| (p.coords - mean) * (p.coords - mean).transpose()).sum();
+        let eigen = scatter.symmetric_eigen();
+        let axis = eigen.eigenvectors.column(eigen.eigenvalues.imin()).into_owned();
+        up = if axis.dot(&up) < 0.0 { -axis } else { axis };
+        level_mm = up.dot(&mean);
+    }
+    let height = |p: &Point3<f32>| p.coords.dot(&up) - level_mm;
+    let is_on = |(p, n): (&Point3<f32>, &Vector3<f32>)| height(p).abs() < half_mm && n.dot(&up).abs() > 0.9;
+    let on: Vec<bool> = points.iter().zip(normals).map(is_on).collect();
+    let count = on.iter().filter(|on| **on).count() as f32;
+    let share_of =
+        |holds: &dyn Fn(f32) -> bool| points.iter().filter(|p| holds(height(p))).count() as f32 / total;
+    let stands =
+        share_of(&|h| h < -3.0 * half_mm) <= MOST_BEHIND && share_of(&|h| h > 3.0 * half_mm) > LEAST_STANDING;
+    if count < TABLE_SHARE * total || !stands {
+        return None;
+    }
+    let looks: Vec<_> = directions().filter(|d| d.dot(&up) > LEAST_HEIGHT).collect();
+    let seen = counts(points, normals, voxels.edge_mm, &looks);
+    // From below, nothing hides it in any case; from above, half of all looks must see it.
+    let open = (0..points.len())
+        .filter(|&i| on[i] && usize::from(seen[i][0] + seen[i][1]) * 3 > looks.len())
+        .count();
+    let surrounds = surrounds(points, &up, level_mm, half_mm);
+    (open as f32 > OPEN * count).then_some(Table { up, share: count / total, surrounds })
+}
+
+/// Height of the lowest layer with a table's share of points that face along an axis.
+fn lowest_level(
+    points: &[Point3<f32>],
+    normals: &[Vector3<f32>],
+    up: &Vector3<f32>,
+    half_mm: f32,
+) -> Option<f32> {
+    let facing = points.iter().zip(normals).filter(|(_, n)| n.dot(up).abs() > 0.9);
+    let mut heights: Vec<f32> = facing.map(|(p, _)| p.coords.dot(up)).collect();
+    heights.sort_unstable_by(f32::total_cmp);
+    let least = (0.5 * TABLE_SHARE * points.len() as f32) as usize + 1;
+    let layer = |first: usize| {
+        let end = heights.partition_point(|h| *h < heights[first] + 2.0 * half_mm);
+        (end - first >= least).then(|| heights[first..end].iter().sum::<f32>() / (end - first) as f32)
+    };
+    (0..heights.len()).find_map(layer)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::Point3;
+    use nalgebra::UnitQuaternion;
 
-    #[test]
-    fn steps_come_in_the_order_of_one_heap() {
-        let ends = [0.0, 1e-30, 0.5, 1.0 - f32::EPSILON / 2.0, 1.0, 1.0 + f32::EPSILON, 1.0 + 1e-6];
-        let (mut queue, mut heap) = (Queue::default(), BinaryHeap::new());
-        let mut noise = 1u32;
-        for slot in 0..20_000usize {
-            noise = noise.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            let apart = (noise >> 8) as f32 / (1 << 24) as f32;
-            let likeness = if slot % 5 == 0 { ends[slot / 5 % ends.len()] } else { 1.0 - apart.powi(8) };
-            queue.push(likeness, slot);
-            heap.push((likeness.to_bits(), slot));
-            // Now and then more are taken than were put, until none is left.
-            for _ in 0..[0, 1, 0, 3][noise as usize >> 30] {
-                assert_eq!(queue.pop(), heap.pop().map(|(_, slot)| slot));
-            }
-        }
-        while let Some((_, slot)) = heap.pop() {
-            assert_eq!(queue.pop(), Some(slot));
-        }
-        assert_eq!(queue.pop(), None);
-    }
-
-    #[test]
-    fn the_faces_of_a_step_get_their_air_side() {
-        // A floor, a riser and a tread, 1 mm lattice; normals of random sign, blended at the edges as fits blend them.
-        let mut voxels = Voxels { edge_mm: 1.0, ..Voxels::default() };
-        let slope = |d: f32| (d / 2.0).clamp(0.0, 1.0);
-        for i in 0..30 {
-            for j in 0..20 {
-                let (x, t) = (i as f32, j as f32);
-                let floor = (Point3::new(x, -t, 0.0), Vector3::new(0.0, -(1.0 - slope(t)), 1.0));
-                let riser_turn = Vector3::new(0.0, -1.0, (1.0 - slope(t)) + (1.0 - slope(19.0 - t)));
-                let riser = (Point3::new(x, 0.0, t), riser_turn);
-                let tread = (Point3::new(x, t, 19.0), Vector3::new(0.0, -(1.0 - slope(t)), 1.0));
-                for (p, n) in [floor, riser, tread] {
-                    let sign = if (i * 7 + j * 13) % 3 == 0 { 1.0 } else { -1.0 };
-                    voxels.cloud.points_mm.push(p);
-                    voxels.cloud.normals.push(n.normalize() * sign);
+    /// What is seen from above of a table 200 mm wide with a web 8 mm thick, 40 high and 100 long on it, points 1 mm apart, and
+    /// the true normals; turned.
+    fn web(table_mm: i32, turn: &UnitQuaternion<f32>) -> (Voxels, Vec<Vector3<f32>>) {
+        let mut rows: Vec<(Point3<f32>, Vector3<f32>)> = Vec::new();
+        for i in -table_mm..=table_mm {
+            for j in -table_mm..=table_mm {
+                if i.abs() > 4 || j.abs() > 50 {
+                    rows.push((Point3::new(i as f32, j as f32, 0.0), Vector3::z()));
                 }
             }
         }
-        let wrong = propagated(&voxels).iter().filter(|n| n.z < -0.1 || n.y > 0.1).count();
-        assert_eq!(wrong, 0);
+        for j in -50..=50 {
+            for k in 0..=40 {
+                let (y, z) = (j as f32, k as f32);
+                rows.extend([1.0, -1.0].map(|s| (Point3::new(4.0 * s, y, z), Vector3::x() * s)));
+            }
+            rows.extend((-3..=3).map(|i| (Point3::new(i as f32, j as f32, 40.0), Vector3::z())));
+        }
+        for (i, k) in (-3..=3).flat_map(|i| (1..40).map(move |k| (i, k))) {
+            let at = |s: f32| (Point3::new(i as f32, 50.0 * s, k as f32), Vector3::y() * s);
+            rows.extend([1.0, -1.0].map(at));
+        }
+        let mut voxels = Voxels { edge_mm: 1.0, ..Voxels::default() };
+        voxels.cloud.points_mm = rows.iter().map(|(p, _)| turn * p).collect();
+        let truth: Vec<_> = rows.iter().map(|(_, n)| turn * n).collect();
+        let either = |(k, n): (usize, &Vector3<f32>)| if k * 7 % 5 < 2 { -n } else { *n };
+        voxels.cloud.normals = truth.iter().enumerate().map(either).collect();
+        (voxels, truth)
+    }
+
+    #[test]
+    fn the_air_side_is_found_in_any_frame_and_the_table_faces_the_work() {
+        for turn in [UnitQuaternion::identity(), UnitQuaternion::from_euler_angles(2.5, -0.7, 1.9)] {
+            let (voxels, truth) = web(100, &turn);
+            let sides = seen(&voxels, false);
+            let wrong = sides.normals.iter().zip(&truth).filter(|(a, b)| a.dot(b) < 0.0).count();
+            assert!(wrong * 500 < truth.len(), "{wrong} of {}", truth.len());
+            assert!(sides.table.unwrap().dot(&(turn * Vector3::z())) > 0.999);
+            assert_eq!(sides.borne_out, None);
+        }
+    }
+
+    #[test]
+    fn given_sides_are_kept_if_they_are_borne_out_turned_if_all_are_wrong_and_found_anew_if_mixed() {
+        let (mut voxels, truth) = web(100, &UnitQuaternion::from_euler_angles(0.3, 1.2, -2.2));
+        let right =
+            |sides: &Orientation| sides.normals.iter().zip(&truth).filter(|(a, b)| a.dot(b) > 0.0).count();
+        let mixed = seen(&voxels, true);
+        assert!(right(&mixed) * 500 > truth.len() * 499);
+        assert!((0.4..0.8).contains(&mixed.borne_out.unwrap()));
+        voxels.cloud.normals.clone_from(&truth);
+        assert_eq!(right(&seen(&voxels, true)), truth.len());
+        voxels.cloud.normals.iter_mut().for_each(|n| *n = -*n);
+        assert_eq!(right(&seen(&voxels, true)), truth.len());
     }
 }

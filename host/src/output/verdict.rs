@@ -93,6 +93,8 @@ reasons! {
     HandEyeUntested => "hand-eye-untested", Check;
     /// Nothing says where the robot's base is: a mesh, or a cloud merged elsewhere.
     FrameUnknown => "frame-unknown", Check;
+    /// Nothing tells which side of the faces is air; the one seen from above is taken.
+    SideAssumed => "side-assumed", Check;
     /// The tool is not stated, so that the controller's own setting holds.
     ToolNotStated => "tool-not-stated", Check;
     /// A seam whose error is over the limit; it is not welded.

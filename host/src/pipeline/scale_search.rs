@@ -4,11 +4,13 @@ use super::{Clock, Config, Method, Observer, PlanError, no_seam};
 use crate::geometry::cloud::{Merged, PointCloud, View};
 use crate::geometry::grid::Grid;
 use crate::geometry::mesh::Mesh;
+use crate::model::denoising;
 use crate::model::downsampling;
 use crate::model::downsampling::{Scale, Voxels};
+use crate::model::orientation::{self, Orientation};
 use crate::model::reconstruction::Registration;
-use crate::model::{denoising, orientation};
 use crate::seam::score::{edges, paper};
+use crate::seam::trace::support;
 use crate::seam::{Cues, Found, INDEX_VOXELS, Input, RawScan, Seam, SurfaceModel, extraction};
 use nalgebra::{Isometry3, Vector3};
 
@@ -49,11 +51,15 @@ pub(super) struct Model {
     /// Spatial index of the cloud.
     pub index: Grid,
     asymmetries: Vec<Vector3<f32>>,
+    /// Where no camera tells the sides: what was found of them.
+    oriented: Option<Orientation>,
+    /// Whether the table is in a cloud of unknown cameras.
+    table_shown: bool,
 }
 
 impl Model {
     fn surface(&self) -> SurfaceModel<'_> {
-        let Self { voxels, cloud, index, asymmetries } = self;
+        let Self { voxels, cloud, index, asymmetries, .. } = self;
         SurfaceModel { voxels, cloud, index, asymmetries }
     }
 }
@@ -67,6 +73,7 @@ impl ScaleSearch<'_> {
             registration: Some(self.registration),
             view_names: self.views.iter().map(|view| view.name.as_str()).collect(),
             cameras_known: self.cameras_known(),
+            table_shown: false,
         }
     }
 
@@ -121,9 +128,11 @@ impl ScaleSearch<'_> {
                 format!("{count} voxels are too few for two faces; at least {MIN_POINTS} are needed");
             return Err(no_seam(reason));
         }
-        let found = clock.stage("seam", observer, || match self.config.method {
+        let mut found = clock.stage("seam", observer, || match self.config.method {
             Method::Weldpath => {
-                let input = Input { scan: self.raw_scan(), model: model.surface(), cues };
+                let scan = RawScan { table_shown: model.table_shown, ..self.raw_scan() };
+                let cues = Cues { steps: cues.steps || model.table_shown, ..cues };
+                let input = Input { scan, model: model.surface(), cues };
                 match self.mesh() {
                     Some((mesh, pose)) => extraction::find_in_mesh(&input, mesh, pose, &self.config.seam),
                     None => extraction::find(&input, &self.config.seam),
@@ -131,6 +140,9 @@ impl ScaleSearch<'_> {
             }
             Method::Paper { ratio_threshold } => paper::find(&model.surface(), ratio_threshold),
         });
+        if let Some(oriented) = &model.oriented {
+            found.only_oriented(oriented, &model.surface());
+        }
         Ok(ScaleResult { scale: *scale, model, found })
     }
 
@@ -145,7 +157,8 @@ impl ScaleSearch<'_> {
         let orientation_unknown = !self.views.iter().all(View::tells_orientation);
         // The filter moves points along their normals, whichever way these face: neither it nor what follows from places
         // alone need wait to be told.
-        let turned = || orientation_unknown.then(|| orientation::propagated(&voxels));
+        let looked =
+            || orientation_unknown.then(|| orientation::seen(&voxels, !self.merged.normals.is_empty()));
         let filtered = || {
             let cloud = denoising::bilateral(&voxels.cloud, &scale.bilateral());
             let reach_mm = INDEX_VOXELS * voxels.edge_mm;
@@ -153,15 +166,16 @@ impl ScaleSearch<'_> {
             let asymmetries = edges::asymmetries(&index, reach_mm);
             (cloud, index, asymmetries)
         };
-        let (turned, (mut cloud, index, asymmetries)) =
-            clock.stage("denoising", observer, || rayon::join(turned, filtered));
-        if let Some(normals) = turned {
-            cloud.normals.clone_from(&normals);
-            voxels.turn(normals);
+        let (oriented, (mut cloud, index, asymmetries)) =
+            clock.stage("denoising", observer, || rayon::join(looked, filtered));
+        if let Some(oriented) = &oriented {
+            cloud.normals.clone_from(&oriented.normals);
+            voxels.turn(oriented.normals.clone());
         }
+        let table_shown = orientation_unknown && support::is_table_shown(&voxels);
         observer.cloud("downsampling", &voxels.cloud);
         observer.cloud("denoising", &cloud);
-        Model { voxels, cloud, index, asymmetries }
+        Model { voxels, cloud, index, asymmetries, oriented, table_shown }
     }
 
     /// Whether larger voxels have nothing to add. Views that show a whole scene without a seam at their own scale

@@ -16,7 +16,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::files::reading;
-use crate::input::{Intrinsics, Units};
+use crate::input::{CameraPosition, Intrinsics, Units};
 use crate::output::verdict::ReasonId;
 use crate::pipeline;
 use crate::robot::arc::WeldingArc;
@@ -59,6 +59,9 @@ pub struct Job {
     /// Of depth images that come without: fx, fy, cx, cy in pixels, then k1, k2, p1, p2, k3.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub intrinsics: Option<Intrinsics>,
+    /// Where the camera stood that took a cloud which does not tell: x, y, z in mm, in the cloud's own frame.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub camera_mm: Option<CameraPosition>,
     /// How seams are found.
     pub method: MethodName,
     /// Threshold `t` of eq. (16), for the method of the paper.

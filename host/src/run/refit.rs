@@ -103,8 +103,8 @@ pub fn cloud(views: &[View]) -> PointCloud {
     let scale = downsampling::Scale::of(&merged, &patches, &downsampling::VoxelConfig::default());
     let mut voxels = downsampling::voxel_grid(&merged, scale.edge_mm, scale.occupancy());
     if !views.iter().all(View::tells_orientation) {
-        let normals = orientation::propagated(&voxels);
-        voxels.turn(normals);
+        let oriented = orientation::seen(&voxels, !merged.normals.is_empty());
+        voxels.turn(oriented.normals);
     }
     voxels.cloud
 }

@@ -71,6 +71,11 @@ pub fn of_scan(scan: &Scan, job: &Job) -> Vec<Finding> {
 pub fn of_plan(plan: &Plan, job: &Job) -> Vec<Finding> {
     let mut found = of_views(&plan.views, plan.hand_eye.as_ref());
     found.extend(of_seams(plan));
+    if plan.orientation_assumed {
+        let words = "the cloud looks alike from over and from below, and is taken as seen from above (+z): see that the torch is on \
+                     the side of the air, or give --camera x,y,z, views with poses, or a cloud with normals";
+        found.push(Finding::new(ReasonId::SideAssumed, words));
+    }
     if job.tool.is_none() {
         let words = "no [tool] is given: the TCP that is set on the controller has to be the tip of the wire";
         found.push(Finding::new(ReasonId::ToolNotStated, words));

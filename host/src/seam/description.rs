@@ -92,8 +92,14 @@ fn warnings(scan: &RawScan, seam: &Refined, expected: &Expected) -> Vec<String> 
     warnings
 }
 
+/// Shorter than this is no weld but a spot of one, as wide as a bead, mm.
+const LEAST_LENGTH_MM: f64 = 5.0;
+
 /// Whether a seam is sure enough to be offered.
 pub(super) fn is_sure(scan: &RawScan, seam: &Seam) -> bool {
+    if seam.length_mm() < LEAST_LENGTH_MM {
+        return false;
+    }
     let several = scan.merged.cameras_mm.len() > 1;
     let least = if several { LEAST_CONFIDENCE_OF_VIEWS } else { LEAST_CONFIDENCE };
     seam.confidence >= least && seam.expected_error_deg <= MOST_ERROR_DEG
@@ -102,6 +108,15 @@ pub(super) fn is_sure(scan: &RawScan, seam: &Seam) -> bool {
 /// What is said of a seam that is not.
 pub(super) fn left_out(seam: &Seam) -> String {
     let place = seam.stations.get(seam.stations.len() / 2).map_or(Point3::origin(), |s| s.position_mm);
+    if seam.length_mm() < LEAST_LENGTH_MM {
+        return format!(
+            "an inside corner of {:.1} mm near {:.0},{:.0},{:.0} is too short to weld: see that the units are right",
+            seam.length_mm(),
+            place.x,
+            place.y,
+            place.z
+        );
+    }
     format!(
         "an inside corner of {:.0} mm near {:.0},{:.0},{:.0} is too uncertain to weld (confidence {:.0} %, torch to {:.0} deg): \
          scan it again from nearer, or from more sides",

@@ -72,6 +72,7 @@ pub fn find(input: &Input, config: &SeamConfig) -> Found {
         warnings: unsure.iter().map(left_out).collect(),
         gate: scores.gate,
         intensity: scores.intensity,
+        ..Found::default()
     }
 }
 

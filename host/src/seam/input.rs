@@ -32,12 +32,14 @@ pub struct RawScan<'a> {
     pub view_names: Vec<&'a str>,
     /// Whether every point was seen by a camera of known place.
     pub cameras_known: bool,
+    /// Whether the table that the work stands on is in a cloud of unknown cameras.
+    pub table_shown: bool,
 }
 
 impl RawScan<'_> {
     /// Whether the cloud is a scan of cameras whose whole view is kept, so that a table would be in it.
     pub fn has_whole_views(&self) -> bool {
-        self.view_names.len() > 1 && self.cameras_known
+        if self.cameras_known { self.view_names.len() > 1 } else { self.table_shown }
     }
 }
 

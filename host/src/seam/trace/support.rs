@@ -6,6 +6,7 @@
 use crate::geometry::cloud::PointCloud;
 use crate::geometry::plane::Moments;
 use crate::model::downsampling::Voxels;
+use crate::model::orientation;
 use nalgebra::{Matrix2, Point3, Vector2, Vector3};
 use rayon::prelude::*;
 
@@ -74,10 +75,20 @@ impl Support {
         self.normal.dot(&p.coords) - self.offset_mm
     }
 
+    /// Whether it reaches farther than what stands on it, whichever way one looks along it.
+    fn surrounds(&self, voxels: &Voxels) -> bool {
+        orientation::surrounds(&voxels.cloud.points_mm, &self.normal, self.offset_mm, self.half_mm)
+    }
+
     /// Whether a face with this normal at this place is the support itself.
     pub fn is_face(&self, normal: &Vector3<f32>, place: &Point3<f32>) -> bool {
         normal.dot(&self.normal) > SAME_FACE && self.height_mm(place).abs() < SAME_HALVES * self.half_mm
     }
+}
+
+/// Whether a cloud shows the table that the work stands on, and so all of the scene.
+pub fn is_table_shown(voxels: &Voxels) -> bool {
+    find(voxels).is_some_and(|table| table.surrounds(voxels))
 }
 
 /// The support of a cloud, if it has one.
