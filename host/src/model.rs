@@ -1,7 +1,8 @@
-//! From the views of a camera to one model of the work (paper II-C, II-D): normals, registration, voxel grid, bilateral
-//! filter, and the orientation of normals where no camera is known.
+//! From the views of a camera to one model of the work (paper II-C, II-D): normals, registration, the place of all views in
+//! the base frame, voxel grid, bilateral filter, and the orientation of normals where no camera is known.
 
 pub mod agreement;
+pub mod base_frame;
 pub mod denoising;
 pub mod downsampling;
 pub mod normals;

@@ -7,9 +7,10 @@ use crate::geometry::cloud::{Merged, PointCloud, View};
 use crate::geometry::grid::Grid;
 use crate::model::agreement::Agreement;
 pub use crate::model::agreement::{HandEyeError, Misfit, ViewReport};
+pub use crate::model::base_frame::{Anchor, BaseFrame, CellAccuracy, HandEyeCorrection};
 use crate::model::downsampling::Voxels;
 use crate::model::downsampling::{DISTANCE_VOXELS, HEIGHT_NOISES, RADIUS_VOXELS};
-use crate::model::{agreement, downsampling, normals, reconstruction};
+use crate::model::{agreement, base_frame, downsampling, normals, reconstruction};
 use crate::seam::Seam;
 use crate::seam::extraction::SeamConfig;
 use crate::seam::measure::coverage;
@@ -32,7 +33,7 @@ pub enum Method {
 }
 
 /// Settings of every stage, in the order of the stages.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct Config {
     /// How seams are found.
     pub method: Method,
@@ -40,10 +41,25 @@ pub struct Config {
     pub normals: normals::NormalsConfig,
     /// Registration of the views.
     pub reconstruction: reconstruction::ReconstructionConfig,
+    /// What holds the model in the robot's base frame; nothing where the coordinates are not the robot's.
+    pub anchor: Option<Anchor>,
     /// Voxel grid.
     pub downsampling: downsampling::VoxelConfig,
     /// Seams and their refinement.
     pub seam: SeamConfig,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            method: Method::default(),
+            normals: normals::NormalsConfig::default(),
+            reconstruction: reconstruction::ReconstructionConfig::default(),
+            anchor: Some(Anchor::default()),
+            downsampling: downsampling::VoxelConfig::default(),
+            seam: SeamConfig::default(),
+        }
+    }
 }
 
 /// What [`plan`] found.
@@ -61,6 +77,9 @@ pub struct Plan {
     pub views: Vec<ViewReport>,
     /// What the views say of the hand-eye transform, where there are enough of them.
     pub hand_eye: Option<HandEyeError>,
+    /// What the views say of robot and camera; none where the coordinates are not the robot's, and where the first view is
+    /// taken as exact.
+    pub base_frame: Option<BaseFrame>,
     /// Parameters that were derived from the data: name, value, unit, how.
     pub derived: Vec<Derived>,
     /// Stage name and wall time, seconds.
@@ -157,9 +176,11 @@ pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Re
             Agreement::of_all(reconstruction::chain::register(views, &patches, &config.reconstruction))
         }
     };
-    let agreement = clock.stage("reconstruction", observer, register);
+    let mut agreement = clock.stage("reconstruction", observer, register);
+    let base_frame = clock.time("base frame", || located(views, &mut agreement, config));
     let reports = if views.len() > 1 { agreement.report(views, &patches) } else { Vec::new() };
     let mut warnings = agreement.warnings(views, &patches);
+    warnings.extend(base_frame.iter().flat_map(BaseFrame::warnings));
     let hand_eye = agreement.hand_eye;
     let (views, patches) = (agreement.of(views), agreement.of(&patches));
     let (views, patches, registration) = (&views[..], &patches[..], agreement.registration);
@@ -199,11 +220,28 @@ pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Re
         coverage,
         views: reports,
         hand_eye,
+        base_frame,
         derived,
         stage_s,
         orientation_assumed,
         warnings,
     })
+}
+
+/// Puts the views that fit where they are in the base frame, as far as that is known.
+fn located(views: &[View], agreement: &mut Agreement, config: &Config) -> Option<BaseFrame> {
+    if !views.iter().all(|view| view.camera_known) || matches!(config.method, Method::Paper { .. }) {
+        return None;
+    }
+    let Anchor::Cell(cell) = config.anchor? else {
+        base_frame::anchor_first(&mut agreement.registration);
+        return None;
+    };
+    let reported: Vec<_> = agreement.kept.iter().map(|&k| views[k].base_from_camera).collect();
+    let gross = agreement.hand_eye.is_some_and(|error| error.is_gross());
+    let found = base_frame::locate(&reported, &agreement.registration, cell, gross)?;
+    found.settle(&mut agreement.registration);
+    Some(found)
 }
 
 /// The sizes that were derived from the data, for the summary.

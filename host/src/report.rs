@@ -55,6 +55,7 @@ pub fn without_seams(recording: &Recording, job: &Job, reason: &str) -> Vec<File
         paths: Vec::new(),
         views: Vec::new(),
         hand_eye: None,
+        base_frame: None,
         derived: Vec::new(),
         stage_s: Vec::new(),
         orientation_assumed: false,

@@ -95,6 +95,11 @@ pub struct Seam {
     pub expected_error_mm: f64,
     /// Expected RMSE of the torch orientation, degrees.
     pub expected_error_deg: f64,
+    /// One standard deviation of the position across the seam in the robot's base frame, both axes together, mm: the error
+    /// within the scan, and that of the frame. Not a number where nothing is known of the frame.
+    pub base_error_mm: f64,
+    /// The same of the torch orientation, degrees.
+    pub base_error_deg: f64,
     /// What was measured of the joint.
     pub dimensions: Vec<Dimension>,
     /// What the user should know about this seam.

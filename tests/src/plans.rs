@@ -65,6 +65,7 @@ fn of_paths(paths: Vec<SeamPath>) -> Plan {
         paths,
         views: vec![view()],
         hand_eye: None,
+        base_frame: None,
         derived,
         coverage: vec![],
         stage_s: vec![("normals", 0.25), ("seam", 1.5)],
@@ -119,6 +120,8 @@ fn seam(path: &SeamPath) -> Seam {
         confidence: 0.9,
         expected_error_mm: 0.05,
         expected_error_deg: 0.4,
+        base_error_mm: 0.3,
+        base_error_deg: 0.5,
         dimensions: vec![],
         warnings: vec![],
     }

@@ -211,6 +211,7 @@ fn both_sides_and_the_ends_of_ribs_are_found_at_working_distance() {
             size_px: [640, 480],
             distance_mm: None,
             format: Format::Png,
+            cell: None,
         };
         let scratch = tempfile::tempdir().expect("a folder");
         write(&simulate_mesh(&request).expect("a scan"), scratch.path()).expect("a folder");

@@ -39,6 +39,7 @@ fn the_documented_job_is_the_default_job() {
     assert_eq!(documented.program_setup(), default.program_setup());
     assert_eq!(documented.selection, default.selection);
     assert_eq!((documented.units, documented.method), (default.units, default.method));
+    assert_eq!(documented.scan, default.scan);
 }
 
 #[test]
@@ -102,6 +103,7 @@ fn the_committed_schema_is_that_of_the_job_and_has_every_documented_key_and_no_o
     let mut known = Vec::new();
     schema_keys(&serde_json::from_str(&committed).unwrap(), &mut known);
     let tables = [
+        "scan",
         "selection",
         "order",
         "path",

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use weldpath::files::File;
+use weldpath::input::CloudFrame;
 use weldpath::output::summary::Source;
 use weldpath::output::verdict::{Reason, ReasonId, State};
 use weldpath::pipeline::{self, Observer, Plan};
@@ -12,6 +13,7 @@ use weldpath::run::job::quantity::{
     self, ApproachMm, FeedMmS, Place, Points, RatioThreshold, Region, SpacingMm, StandoffMm,
 };
 use weldpath::run::job::robot::{RobotSettings, TorchBodySettings};
+use weldpath::run::job::scan::AnchorName;
 use weldpath::run::job::{Formats, Job, MethodName, Sequence};
 use weldpath::run::postprocessing;
 use weldpath::run::postprocessing::{Output, postprocess};
@@ -50,6 +52,10 @@ pub(super) struct Args {
     /// Where the camera stood that took a cloud which does not tell: mm, in the cloud's own frame
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     camera: Option<input::CameraPosition>,
+    /// What holds the model in the robot's base frame: robot (all poses and the hand-eye transform), or first (the first
+    /// view's pose, taken as exact) [default: robot]
+    #[arg(long, value_name = "ANCHOR")]
+    anchor: Option<AnchorName>,
     /// Hold the tip this far off the seam, along the torch axis [default: 0]
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     standoff_mm: Option<StandoffMm>,
@@ -179,6 +185,7 @@ fn job(args: &Args) -> Result<Job, Failure> {
     replace(&mut job.units, args.units);
     job.intrinsics = args.intrinsics.or(job.intrinsics);
     job.camera_mm = args.camera.or(job.camera_mm);
+    replace(&mut job.scan.anchor, args.anchor);
     replace(&mut job.method, args.method);
     if args.method == Some(MethodName::Weldpath) {
         job.ratio_threshold = None;
@@ -273,7 +280,11 @@ fn plan(job: &Job, allow_outside: bool, progress: &mut Progress) -> Result<(Plan
     };
     let scan = input::read(input, &options).map_err(|error| Failure::new(Exit::Input, error))?;
     let findings = verdict::of_scan(&scan, job);
-    let mut plan = pipeline::plan(&scan.views, &job.pipeline(), progress).map_err(not_planned)?;
+    let anchor = job.scan.anchor();
+    // Coordinates that are not the robot's have no error in its base frame.
+    let config =
+        pipeline::Config { anchor: (scan.frame == CloudFrame::Base).then_some(anchor), ..job.pipeline() };
+    let mut plan = pipeline::plan(&scan.views, &config, progress).map_err(not_planned)?;
     plan.warnings.splice(0..0, scan.warnings);
     let inputs = scan.inputs.iter().map(|path| path.display().to_string()).collect();
     Ok((plan, Source { inputs, notes: scan.notes, findings }))

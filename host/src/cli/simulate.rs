@@ -5,7 +5,9 @@ use std::str::FromStr;
 
 use weldpath::input;
 use weldpath::lab::simulation;
-use weldpath::lab::simulation::{Error, Format, ListedWeld, MeshRequest, Noise, Part, Pose, Request};
+use weldpath::lab::simulation::{
+    CellErrors, Error, Format, ListedWeld, MeshRequest, Noise, Part, Pose, Request,
+};
 
 use super::folder::{Folder, FolderArgs};
 use super::{Exit, Failure, print, whole};
@@ -60,9 +62,37 @@ pub(super) struct Args {
     /// Scan badly on purpose: views that share too little; branch and tacked only
     #[arg(long, conflicts_with = "mesh")]
     weak: bool,
+    #[command(flatten)]
+    cell: CellArgs,
     /// Print nothing but errors
     #[arg(long, short)]
     quiet: bool,
+}
+
+/// Errors of a cell. With any of them no pose is exact; without, the first is, and the others are off by 1 to 3 mm.
+#[derive(Debug, Clone, Copy, clap::Args)]
+struct CellArgs {
+    /// The camera is this far from where the hand-eye transform puts it
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
+    hand_eye_mm: Option<f64>,
+    /// It is turned by this much
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
+    hand_eye_deg: Option<f64>,
+    /// Standard deviation of the positions that the robot reports, each axis
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
+    robot_mm: Option<f64>,
+    /// The same of its orientations
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
+    robot_deg: Option<f64>,
+}
+
+impl CellArgs {
+    fn errors(self) -> Option<CellErrors> {
+        let given = [self.hand_eye_mm, self.hand_eye_deg, self.robot_mm, self.robot_deg];
+        let [hand_eye_mm, hand_eye_deg, robot_mm, robot_deg] = given.map(Option::unwrap_or_default);
+        let any = given.iter().any(Option::is_some);
+        any.then_some(CellErrors { hand_eye_mm, hand_eye_deg, robot_mm, robot_deg })
+    }
 }
 
 /// Columns and rows of an image.
@@ -109,6 +139,7 @@ fn request(args: &Args, part: Part) -> Request {
         angle_deg: args.angle_deg,
         length_mm: args.length_mm,
         root_opening_mm: args.root_opening_mm,
+        cell: args.cell.errors(),
     }
 }
 
@@ -135,6 +166,7 @@ fn of_mesh(args: &Args, mesh: &Path) -> Result<MeshRequest, Failure> {
         size_px: [args.size.width, args.size.height],
         distance_mm: args.distance_mm,
         format: args.format,
+        cell: args.cell.errors(),
     })
 }
 

@@ -4,7 +4,7 @@ use std::fmt::Write;
 use std::path::Path;
 
 use weldpath::output::summary::Source;
-use weldpath::pipeline::{Plan, ViewReport};
+use weldpath::pipeline::{BaseFrame, Plan, ViewReport};
 use weldpath::run::postprocessing::Output;
 use weldpath::seam::Seam;
 use weldpath::seam::measure::dimension::Dimension;
@@ -17,8 +17,8 @@ pub(super) fn result(plan: &Plan, output: &Output, source: &Source, out: &Path) 
     let mut text = String::new();
     output.summary.verdict().lines().iter().for_each(|reason| line(&mut text, reason));
     text += &format!(
-        "{:>4}  {:<8} {:<8} {:>10} {:>7} {:>11}  {}\n",
-        "seam", "joint", "position", "length", "points", "confidence", "expected error"
+        "{:>4}  {:<8} {:<8} {:>10} {:>7} {:>11}  {:<19}  {}\n",
+        "seam", "joint", "position", "length", "points", "confidence", "expected error", "in the base frame"
     );
     for seam in &plan.seams {
         text.push_str(&row(seam, output));
@@ -34,6 +34,7 @@ pub(super) fn result(plan: &Plan, output: &Output, source: &Source, out: &Path) 
         line(&mut text, &format!("{} = {} ({})", derived.name, significant(derived.value), derived.how));
     }
     plan.views.iter().for_each(|view| line(&mut text, &registration(view)));
+    plan.base_frame.iter().for_each(|found| line(&mut text, &cell(found)));
     let seams =
         plan.seams.iter().flat_map(|seam| seam.warnings.iter().map(|w| format!("seam {}: {w}", seam.id)));
     let all: Vec<String> = output.summary.warnings().iter().cloned().chain(seams).collect();
@@ -58,17 +59,43 @@ fn row(seam: &Seam, output: &Output) -> String {
     // Writing to a String cannot fail.
     let _ = writeln!(
         row,
-        "{:>4}  {:<8} {:<8} {:>7.1} mm {:>7} {:>10.0}%  {} mm, {} deg",
+        "{:>4}  {:<8} {:<8} {:>7.1} mm {:>7} {:>10.0}%  {:<19}  {}",
         seam.id,
         seam.joint.name(),
         positions.join("-"),
         seam.length_mm(),
         paths().next().map_or("-".to_owned(), |_| points.to_string()),
         100.0 * seam.confidence,
-        significant(seam.expected_error_mm),
-        significant(seam.expected_error_deg)
+        error(seam.expected_error_mm, seam.expected_error_deg),
+        if seam.base_error_mm.is_finite() {
+            error(seam.base_error_mm, seam.base_error_deg)
+        } else {
+            "not known".into()
+        }
     );
     row
+}
+
+/// What the views say of the cell.
+fn cell(found: &BaseFrame) -> String {
+    let own = &found.hand_eye;
+    format!(
+        "cell: poses scatter by {} mm and {} deg ({:.1} and {:.1} times what is stated); hand-eye off by {} +- {} mm and {} +- \
+         {} deg, {}",
+        significant(found.robot_mm),
+        significant(found.robot_deg),
+        found.scale_mm,
+        found.scale_deg,
+        significant(own.shift_mm),
+        significant(own.shift_sigma_mm),
+        significant(own.turn_deg),
+        significant(own.turn_sigma_deg),
+        if own.is_applied { "corrected" } else { "not significant, left as stated" }
+    )
+}
+
+fn error(mm: f64, deg: f64) -> String {
+    format!("{} mm, {} deg", significant(mm), significant(deg))
 }
 
 fn registration(view: &ViewReport) -> String {
@@ -117,6 +144,8 @@ mod tests {
             confidence: 0.934,
             expected_error_mm: 0.08,
             expected_error_deg: 0.5,
+            base_error_mm: 0.6,
+            base_error_deg: 0.7,
             dimensions: vec![],
             warnings: vec!["the last 20 mm were seen by one view only".into()],
         };
@@ -132,6 +161,7 @@ mod tests {
             coverage: vec![],
             views: vec![],
             hand_eye: None,
+            base_frame: None,
             derived: vec![Derived { name: "voxel_mm", value: 0.8, how: "twice the mean spacing".into() }],
             stage_s: vec![],
             orientation_assumed: false,
@@ -150,7 +180,8 @@ mod tests {
             "{text}"
         );
         let row: Vec<&str> = lines[3].split_whitespace().collect();
-        assert_eq!(row, ["1", "butt-v", "PA", "500.0", "mm", "251", "93%", "0.08", "mm,", "0.50", "deg"]);
+        let expected = ["1", "butt-v", "PA", "500.0", "mm", "251", "93%", "0.08", "mm,", "0.50", "deg"];
+        assert_eq!((&row[..11], &row[11..]), (&expected[..], &["0.60", "mm,", "0.70", "deg"][..]));
         assert_eq!(lines[4..6], ["units: metres", "voxel_mm = 0.80 (twice the mean spacing)"]);
         assert_eq!(lines[6], "warning: view 3 overlaps too little");
         assert!(lines.contains(&"warning: seam 1: the last 20 mm were seen by one view only"));

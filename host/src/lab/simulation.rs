@@ -24,7 +24,7 @@ pub use camera::{Camera, DepthImage, RANGE_MM};
 pub use files::{files, write};
 pub use mesh::{ListedWeld, MeshRequest, mesh_truth, simulate_mesh};
 pub use noise::Noise;
-pub use request::{Error, Format, Part, Pose, Request};
+pub use request::{CellErrors, Error, Format, Part, Pose, Request};
 pub use rotation::UrPose;
 pub use scene::Scene;
 pub use solid::Hit;
@@ -40,7 +40,7 @@ pub struct Simulated {
     pub camera: Camera,
     /// The hand-eye transform, mm.
     pub flange_from_camera: Isometry3<f64>,
-    /// One per view; the first has an exact pose.
+    /// One per view; the first has an exact pose, unless a cell's errors were asked for.
     pub views: Vec<SimulatedView>,
     /// Seams and true camera poses.
     pub truth: Truth,
@@ -112,7 +112,7 @@ fn recorded(
         seed: request.seed,
         noise: request.noise,
         size_px: [request.width, request.height],
-        poses: placement::PoseErrors::of(request.noise, [1.0, 3.0], [0.3, 1.0]),
+        poses: placement::PoseErrors::of(request.cell, request.noise, [1.0, 3.0], [0.3, 1.0]),
     };
     recording.of(scene, base_from_camera, truth, request.format)
 }
@@ -143,6 +143,7 @@ impl Recording<'_> {
             base_from_flange: self.poses.reported(pose, &poses, i),
         };
         let views = base_from_camera.iter().enumerate().map(view).collect();
+        let truth = Truth { anchor: self.poses.anchor().into(), ..truth };
         Simulated { camera, flange_from_camera: placement::flange_from_camera(), views, truth, format }
     }
 }

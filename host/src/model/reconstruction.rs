@@ -15,7 +15,7 @@ mod system;
 use crate::geometry::cloud::View;
 use crate::geometry::point_to_plane;
 use crate::model::normals::Patches;
-use nalgebra::{DMatrix, Isometry3, Matrix6, Point3, Vector3};
+use nalgebra::{DMatrix, DVector, Isometry3, Matrix6, Point3, Vector3};
 pub(crate) use source::spread_over_normals;
 
 /// How views are registered.
@@ -61,8 +61,30 @@ pub struct Registration {
     pub covariance: DMatrix<f64>,
     /// Centre of the rotations in `covariance`, mm, base frame.
     pub centre_mm: Point3<f64>,
+    /// What the surfaces alone tell of the same parameters; none where a method does not say.
+    pub evidence: Option<SurfaceEvidence>,
+    /// Covariance of the 6 parameters of all views, the first included, as errors in the base frame; none where nothing
+    /// tells how exact the poses of robot and camera are.
+    pub base_covariance: Option<DMatrix<f64>>,
     /// Robust standard deviation of the final residuals, mm.
     pub residual_mm: f64,
+}
+
+/// What the surfaces that views share tell of their poses, without what the robot reported: normal equations of the
+/// increments of all views but the first, six of each (rotation about the centre, translation), rad and mm.
+#[derive(Debug, Clone)]
+pub struct SurfaceEvidence {
+    /// Information of the increments.
+    pub information: DMatrix<f64>,
+    /// Where the surfaces pull the registered poses: nothing but what the reported poses held back.
+    pub pull: DVector<f64>,
+}
+
+impl SurfaceEvidence {
+    /// Of a single view, which no other ties to anything.
+    pub fn of_one_view() -> Self {
+        Self { information: DMatrix::zeros(0, 0), pull: DVector::zeros(0) }
+    }
 }
 
 impl Registration {

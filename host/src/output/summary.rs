@@ -2,6 +2,7 @@
 
 use serde::Serialize;
 
+use super::base_frame::BaseFrameSummary;
 use super::verdict::{Finding, Verdict};
 use super::{feasibility, views};
 use crate::pipeline::{Derived, Plan, ViewReport};
@@ -27,6 +28,7 @@ pub struct Summary {
     verdict: Verdict,
     derived: Vec<Parameter>,
     views: Vec<View>,
+    base_frame: BaseFrameSummary,
     seams: Vec<SeamSummary>,
     coverage: Vec<Stretch>,
     stages: Vec<Stage>,
@@ -82,6 +84,8 @@ struct SeamSummary {
     confidence: Option<f64>,
     expected_error_mm: Option<f64>,
     expected_error_deg: Option<f64>,
+    base_error_mm: Option<f64>,
+    base_error_deg: Option<f64>,
     dimensions: Vec<Measured>,
     reason: String,
     warnings: Vec<String>,
@@ -133,6 +137,7 @@ impl Summary {
             verdict: Verdict::default(),
             derived: plan.derived.iter().map(parameter).collect(),
             views: plan.views.iter().map(view).collect(),
+            base_frame: BaseFrameSummary::new(plan),
             seams: plan.seams.iter().map(|seam| seam_summary(seam, lines, paths, up)).collect(),
             coverage: plan.coverage.iter().map(stretch).collect(),
             stages: plan.stage_s.iter().map(|&(name, time_s)| Stage { name, time_s }).collect(),
@@ -226,6 +231,8 @@ fn seam_summary(seam: &Seam, lines: &[SeamPath], paths: &[SeamPath], up: UnitVec
         confidence: finite(seam.confidence),
         expected_error_mm: finite(seam.expected_error_mm),
         expected_error_deg: finite(seam.expected_error_deg),
+        base_error_mm: finite(seam.base_error_mm),
+        base_error_deg: finite(seam.base_error_deg),
         dimensions: seam.dimensions.iter().map(measured).collect(),
         reason: seam.reason.clone(),
         warnings: seam.warnings.clone(),

@@ -99,6 +99,8 @@ reasons! {
     ToolNotStated => "tool-not-stated", Check;
     /// A seam whose error is over the limit; it is not welded.
     SeamUncertain => "seam-uncertain", Check;
+    /// The tip may be farther from a seam in the robot's base frame than the limit.
+    BaseErrorOverLimit => "base-error-over-limit", Check;
     /// The torch would touch what was scanned.
     TorchCollision => "torch-collision", Check;
     /// The arm cannot run the program.

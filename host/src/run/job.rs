@@ -8,6 +8,7 @@ pub mod layer;
 pub mod quantity;
 pub mod refusal;
 pub mod robot;
+pub mod scan;
 
 use std::path::{Path, PathBuf};
 
@@ -30,6 +31,7 @@ pub use layer::{
 use quantity::{Input, Output, PayloadKg, ProgramName, RatioThreshold, TimeS};
 pub use refusal::Error;
 use robot::{RobotSettings, TorchBodySettings};
+use scan::ScanSettings;
 
 /// Where the tip is assumed for the feasibility check if there is no `[tool]`: straight ahead of the flange, mm.
 pub const ASSUMED_TCP_MM: f64 = 350.0;
@@ -71,6 +73,8 @@ pub struct Job {
     pub formats: Formats,
     /// Reasons of the verdict, by their ids, that stand against running the program and are accepted.
     pub accept: Vec<ReasonId>,
+    /// How exact the robot's poses and the hand-eye transform are.
+    pub scan: ScanSettings,
     /// Which of the seams are welded.
     pub selection: Selection,
     /// In which order the seams are welded.
@@ -281,7 +285,8 @@ impl Job {
                 pipeline::Method::Paper { ratio_threshold }
             }
         };
-        pipeline::Config { method, ..pipeline::Config::default() }
+        let anchor = Some(self.scan.anchor());
+        pipeline::Config { method, anchor, ..pipeline::Config::default() }
     }
 
     /// What the feasibility check needs; none if neither a robot nor a torch is given.

@@ -76,6 +76,7 @@ pub fn of_plan(plan: &Plan, job: &Job) -> Vec<Finding> {
                      the side of the air, or give --camera x,y,z, views with poses, or a cloud with normals";
         found.push(Finding::new(ReasonId::SideAssumed, words));
     }
+    found.extend(of_base_frame(plan));
     if job.tool.is_none() {
         let words = "no [tool] is given: the TCP that is set on the controller has to be the tip of the wire";
         found.push(Finding::new(ReasonId::ToolNotStated, words));
@@ -174,6 +175,27 @@ fn of_seams(plan: &Plan) -> Vec<Finding> {
     }
     found.extend(beyond_scan(plan));
     found
+}
+
+/// The seam that is worst known in the base frame against its limit, where that is over the limit.
+fn of_base_frame(plan: &Plan) -> Option<Finding> {
+    let ratio = |seam: &&Seam| seam.base_error_mm / limit_mm(seam);
+    let worst = plan.seams.iter().max_by(|a, b| ratio(a).total_cmp(&ratio(b)))?;
+    let words = || {
+        let scatter = plan.base_frame.as_ref().filter(|found| found.is_scattered()).map(|found| {
+            let (mm, deg) = (found.robot_mm, found.robot_deg);
+            format!(
+                "; the reported poses scatter by {mm:.1} mm and {deg:.2} deg, more than stated of the robot"
+            )
+        });
+        format!(
+            "the tip may be off by {:.1} mm (one standard deviation) in the robot's base frame, over {:.2} mm{}",
+            worst.base_error_mm,
+            limit_mm(worst),
+            scatter.unwrap_or_default()
+        )
+    };
+    (ratio(&worst) > 1.0).then(|| Finding::of_seam(ReasonId::BaseErrorOverLimit, worst.id, words()))
 }
 
 /// Seams that leave the scan, or are longer than it is wide.

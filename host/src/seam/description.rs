@@ -57,6 +57,8 @@ pub(super) fn described(
         confidence: confidence(chain, seam),
         expected_error_mm: expected.position_mm,
         expected_error_deg: expected.orientation_rad.to_degrees(),
+        base_error_mm: expected.base_mm,
+        base_error_deg: expected.base_rad.to_degrees(),
         dimensions,
         warnings: warnings(scan, seam, expected),
     }

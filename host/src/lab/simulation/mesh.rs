@@ -16,7 +16,7 @@ use super::request::within;
 use super::rotation::{UrPose, about, sin_cos_deg};
 use super::scene::{Body, Scene};
 use super::workpiece::{TrueSeam, TrueStation};
-use super::{Error, Format, Noise, Recording, Simulated, truth};
+use super::{CellErrors, Error, Format, Noise, Recording, Simulated, truth};
 use crate::lab::evaluation::Truth;
 use nalgebra::{Isometry3, Point3, Translation3, Vector3};
 
@@ -41,6 +41,8 @@ pub struct MeshRequest {
     pub distance_mm: Option<f64>,
     /// How views are stored.
     pub format: Format,
+    /// How the cell errs; if not given, the first pose is exact and the others are off by 0.5 to 2 mm.
+    pub cell: Option<CellErrors>,
 }
 
 /// Usual distance of the cameras, as a share of the diagonal of the part's plan, and its bounds: a camera of 56 degrees
@@ -80,7 +82,7 @@ pub fn simulate_mesh(request: &MeshRequest) -> Result<Simulated, Error> {
         seed: request.seed,
         noise: request.noise,
         size_px: request.size_px,
-        poses: PoseErrors::of(request.noise, SHIFT_MM, TURN_DEG),
+        poses: PoseErrors::of(request.cell, request.noise, SHIFT_MM, TURN_DEG),
     };
     Ok(recording.of(&scene, &cameras, truth, request.format))
 }
@@ -129,6 +131,7 @@ impl MeshRequest {
         within("views", self.views as f64, 1.0, 99.0)?;
         within("width", f64::from(self.size_px[0]), 16.0, 4096.0)?;
         within("height", f64::from(self.size_px[1]), 16.0, 4096.0)?;
+        self.cell.map_or(Ok(()), |cell| cell.check())?;
         self.distance_mm.map_or(Ok(()), |mm| within("distance", mm, RANGE_MM[0], RANGE_MM[1]))
     }
 

@@ -4,7 +4,7 @@ use super::random::Stream;
 use super::rotation::{UrPose, about, from_columns, round_to, sin_cos_deg};
 use super::scene::Scene;
 use super::workpiece::{TrueSeam, Viewpoint, Workpiece};
-use super::{Noise, Pose, Request};
+use super::{CellErrors, Noise, Pose, Request};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 /// Height of the table's top.
@@ -28,33 +28,78 @@ pub(super) fn flange_from_camera() -> Isometry3<f64> {
     Isometry3::from_parts(Translation3::new(-10.3, -122.4, 74.8), turn)
 }
 
-/// How far the poses that the robot reports are off, least and most. The first is exact.
+/// How far the poses that the robot reports are off.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct PoseErrors {
-    shift_mm: [f64; 2],
-    turn_deg: [f64; 2],
+pub(super) enum PoseErrors {
+    /// Each view by so much, least and most; the first is exact.
+    Scattered { shift_mm: [f64; 2], turn_deg: [f64; 2] },
+    /// As a cell errs.
+    Cell(CellErrors),
 }
 
 impl PoseErrors {
-    /// These with a noisy camera, none with an exact one.
-    pub(super) fn of(noise: Noise, shift_mm: [f64; 2], turn_deg: [f64; 2]) -> Self {
+    /// Those of a cell, if given; otherwise these with a noisy camera, none with an exact one.
+    pub(super) fn of(cell: Option<CellErrors>, noise: Noise, shift_mm: [f64; 2], turn_deg: [f64; 2]) -> Self {
+        if let Some(cell) = cell {
+            return Self::Cell(cell);
+        }
         let exact = noise == Noise::None;
         let if_noisy = |range: [f64; 2]| if exact { [0.0; 2] } else { range };
-        Self { shift_mm: if_noisy(shift_mm), turn_deg: if_noisy(turn_deg) }
+        Self::Scattered { shift_mm: if_noisy(shift_mm), turn_deg: if_noisy(turn_deg) }
+    }
+
+    /// Which view has an exact pose, as a truth names it.
+    pub(super) const fn anchor(&self) -> &'static str {
+        match self {
+            Self::Scattered { .. } => "first",
+            Self::Cell(_) => "none",
+        }
     }
 
     /// What the robot reports of view `i`, truly at `base_from_camera`.
     pub(super) fn reported(&self, base_from_camera: &Isometry3<f64>, random: &Stream, i: usize) -> UrPose {
-        let mut random = random.at(i as u64);
-        let (shift, axis) = (random.direction(), random.direction());
-        let mut drawn = |[low, high]: [f64; 2]| if i == 0 { 0.0 } else { random.between(low, high) };
-        let (shift_mm, turn_deg) = (drawn(self.shift_mm), drawn(self.turn_deg));
-        let moved = Isometry3::from_parts(
-            Translation3::from(base_from_camera.translation.vector + shift * shift_mm),
-            about(axis, turn_deg) * base_from_camera.rotation,
-        );
-        UrPose::reported(&(moved * flange_from_camera().inverse()))
+        match self {
+            Self::Scattered { shift_mm, turn_deg } => {
+                scattered([*shift_mm, *turn_deg], base_from_camera, random, i)
+            }
+            Self::Cell(cell) => in_cell(cell, base_from_camera, random, i),
+        }
     }
+}
+
+fn scattered(
+    [shift_mm, turn_deg]: [[f64; 2]; 2],
+    base_from_camera: &Isometry3<f64>,
+    random: &Stream,
+    i: usize,
+) -> UrPose {
+    let mut random = random.at(i as u64);
+    let (shift, axis) = (random.direction(), random.direction());
+    let mut drawn = |[low, high]: [f64; 2]| if i == 0 { 0.0 } else { random.between(low, high) };
+    let (shift_mm, turn_deg) = (drawn(shift_mm), drawn(turn_deg));
+    let moved = Isometry3::from_parts(
+        Translation3::from(base_from_camera.translation.vector + shift * shift_mm),
+        about(axis, turn_deg) * base_from_camera.rotation,
+    );
+    UrPose::reported(&(moved * flange_from_camera().inverse()))
+}
+
+/// Of the places of a stream that are those of views, none is this.
+const HAND_EYE_PLACE: u64 = u64::MAX;
+
+/// The camera sits on the flange otherwise than the hand-eye transform says, and the robot's own errors are normal.
+fn in_cell(cell: &CellErrors, base_from_camera: &Isometry3<f64>, random: &Stream, i: usize) -> UrPose {
+    let mut of_all = random.at(HAND_EYE_PLACE);
+    let (shift, axis) = (of_all.direction() * cell.hand_eye_mm, of_all.direction());
+    let lacking = Isometry3::from_parts(Translation3::from(shift), about(axis, cell.hand_eye_deg));
+    let base_from_flange = base_from_camera * (flange_from_camera() * lacking).inverse();
+    let mut own = random.at(i as u64);
+    let mut normal = || Vector3::new(own.gaussian(), own.gaussian(), own.gaussian());
+    let (shift, turn) = (normal() * cell.robot_mm, normal() * cell.robot_deg);
+    let turn = [Vector3::x(), Vector3::y(), Vector3::z()].map(|axis| about(axis, turn.dot(&axis)));
+    let rotation = turn[0] * turn[1] * turn[2] * base_from_flange.rotation;
+    let shift = Translation3::from(base_from_flange.translation.vector + shift);
+    UrPose::reported(&Isometry3::from_parts(shift, rotation))
 }
 
 impl Placement {

@@ -60,6 +60,19 @@ pub enum Format {
     Ply,
 }
 
+/// How a cell errs: the camera is not where the hand-eye transform says, and no pose of the robot is exact.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CellErrors {
+    /// Length of the camera's shift on the flange, mm; its direction follows from the seed.
+    pub hand_eye_mm: f64,
+    /// Angle of its turn, degrees.
+    pub hand_eye_deg: f64,
+    /// One standard deviation of a reported position, each axis, mm.
+    pub robot_mm: f64,
+    /// The same of an orientation, degrees.
+    pub robot_deg: f64,
+}
+
 /// A scan to simulate.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Request {
@@ -88,6 +101,8 @@ pub struct Request {
     /// Distance of the members at the root, mm, for `fillet`, `lap`, `butt-v`; if not given, a groove draws its own, and
     /// the others are tight.
     pub root_opening_mm: Option<f64>,
+    /// How the cell errs; if not given, the first pose is exact and the others are off by 1 to 3 mm.
+    pub cell: Option<CellErrors>,
 }
 
 /// Why a scan cannot be simulated or written.
@@ -263,6 +278,7 @@ impl Request {
             angle_deg: None,
             length_mm: None,
             root_opening_mm: None,
+            cell: None,
         }
     }
 
@@ -277,6 +293,7 @@ impl Request {
         within("views", views as f64, 1.0, 200.0)?;
         within("width", f64::from(self.width), 16.0, 4096.0)?;
         within("height", f64::from(self.height), 16.0, 4096.0)?;
+        self.cell.map_or(Ok(()), |cell| cell.check())?;
         let refuse = |setting, choices| Err(Error::NotForPart { part: part.name(), setting, choices });
         match (self.angle_deg, part) {
             (Some(angle_deg), Part::Fillet) => within("angle", angle_deg, 45.0, 135.0)?,
@@ -302,6 +319,15 @@ impl Request {
             (true, Part::Branch | Part::Tacked) | (false, _) => Ok(()),
             (true, _) => refuse("weak placement", "branch, tacked"),
         }
+    }
+}
+
+impl CellErrors {
+    pub(super) fn check(&self) -> Result<(), Error> {
+        within("hand-eye shift", self.hand_eye_mm, 0.0, 100.0)?;
+        within("hand-eye turn", self.hand_eye_deg, 0.0, 20.0)?;
+        within("robot position error", self.robot_mm, 0.0, 20.0)?;
+        within("robot orientation error", self.robot_deg, 0.0, 5.0)
     }
 }
 

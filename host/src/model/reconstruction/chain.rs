@@ -50,6 +50,8 @@ pub fn register(views: &[View], patches: &[Patches], config: &ReconstructionConf
         fitness: shares,
         overlap,
         covariance: DMatrix::zeros(size, size),
+        evidence: None,
+        base_covariance: None,
         residual_mm,
     }
 }

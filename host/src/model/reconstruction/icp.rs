@@ -171,6 +171,8 @@ impl RegistrationProblem {
             fitness: seen.fitness,
             overlap: seen.overlap,
             covariance,
+            evidence: reached.solution.as_ref().map(Solution::evidence),
+            base_covariance: None,
             centre_mm: self.centre_mm,
             residual_mm: reached.residual_mm,
         }

@@ -1,5 +1,6 @@
 //! The joint linear system of all views and what of its solution is believed.
 
+use super::SurfaceEvidence;
 use crate::geometry::point_to_plane;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix6, UnitQuaternion, Vector3, Vector6};
 
@@ -102,6 +103,7 @@ impl System {
         let scaled = |m: &DMatrix<f64>| DMatrix::from_fn(n, n, |r, c| m[(r, c)] * unit[r] * unit[c]);
         let pull = self.pull.component_mul(&unit);
         let (mut h, mut g) = believed(scaled(&self.information), &pull);
+        let (seen, seen_pull) = (h.clone(), g.clone());
         for (k, (information, pull)) in priors.iter().enumerate() {
             for r in 0..6 {
                 g[6 * k + r] += pull[r] * unit[6 * k + r];
@@ -111,8 +113,9 @@ impl System {
             }
         }
         let factor = h.cholesky()?;
-        let x = factor.solve(&g).component_mul(&unit);
-        Some(Solution { x, factor, unit })
+        let scaled = factor.solve(&g);
+        let left = seen_pull - &seen * &scaled;
+        Some(Solution { x: scaled.component_mul(&unit), factor, unit, seen, left })
     }
 }
 
@@ -123,6 +126,9 @@ pub(super) struct Solution {
     factor: Cholesky<f64, Dyn>,
     /// What a scaled unknown is in radians or millimetres.
     unit: DVector<f64>,
+    /// What the surfaces alone tell of the scaled unknowns, and where they still pull after the step.
+    seen: DMatrix<f64>,
+    left: DVector<f64>,
 }
 
 impl Solution {
@@ -131,6 +137,15 @@ impl Solution {
         let scaled = self.factor.inverse();
         let n = self.unit.len();
         DMatrix::from_fn(n, n, |r, c| scaled[(r, c)] * self.unit[r] * self.unit[c])
+    }
+
+    /// What the surfaces alone tell, without the reported poses, about the poses after the step.
+    pub(super) fn evidence(&self) -> SurfaceEvidence {
+        let (n, unit) = (self.unit.len(), &self.unit);
+        SurfaceEvidence {
+            information: DMatrix::from_fn(n, n, |r, c| self.seen[(r, c)] / (unit[r] * unit[c])),
+            pull: self.left.component_div(unit),
+        }
     }
 }
 

@@ -157,6 +157,14 @@ quantity!(/// Number of the weld data on the controller.
     WeldSchedule, whole 1 to 32, default 1);
 quantity!(/// Mass at the flange.
     PayloadKg, 0 to 100 " kg");
+quantity!(/// Standard deviation of a position that the robot reports; an uncalibrated arm's is a millimetre or two.
+    RobotMm, 0.001 to 20 " mm", default 0.3);
+quantity!(/// Standard deviation of an orientation that the robot reports.
+    RobotDeg, 0.0001 to 5 " deg", default 0.05);
+quantity!(/// Standard deviation of the camera's position on the flange.
+    HandEyeMm, 0.001 to 100 " mm", default 3);
+quantity!(/// Standard deviation of the camera's orientation on the flange.
+    HandEyeDeg, 0.0001 to 20 " deg", default 1);
 quantity!(Duration, 0 to 60 " s");
 
 /// A time of 0 to 60 s; `DEFAULT_MS` when nothing is said.

@@ -44,6 +44,8 @@ pub(super) fn seam(mesh: &Mesh, strand: &Strand, base_from_mesh: &Isometry3<f64>
         confidence: 1.0 - BLOCKED * blocked,
         expected_error_mm: position_mm,
         expected_error_deg: orientation_deg,
+        base_error_mm: f64::NAN,
+        base_error_deg: f64::NAN,
         dimensions: dimensions(joint, &section, position_mm),
         warnings,
     }

@@ -46,6 +46,8 @@ pub fn find(surface: &SurfaceModel, ratio_threshold: f64) -> Found {
         confidence: 0.0,
         expected_error_mm: f64::from(voxels.edge_mm),
         expected_error_deg: 15.0,
+        base_error_mm: f64::NAN,
+        base_error_deg: f64::NAN,
         dimensions: vec![],
         warnings: vec!["the paper's method, for comparison only: do not weld this".into()],
     };

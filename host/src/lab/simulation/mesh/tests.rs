@@ -24,6 +24,7 @@ fn rib_on_plate() -> MeshRequest {
         size_px: [160, 120],
         distance_mm: None,
         format: Format::Png,
+        cell: None,
     }
 }
 

@@ -1,0 +1,222 @@
+//! One least-squares adjustment of all poses and the hand-eye transform (ours).
+//!
+//! Unknown are the true pose of every camera and one motion `X` of the camera on the flange. With `R` the poses that the robot
+//! reports, by forward kinematics and the hand-eye transform as stated, the true ones are `E R X`; `E` is the robot's own
+//! error in each view. Known are the surfaces, which tie the views to each other, a prior of `E` and one of `X`. What the
+//! data do not tie down stays at its prior. Gauss-Newton; millimetres and radians; motions are about one centre.
+
+use crate::model::reconstruction::SurfaceEvidence;
+use nalgebra::{
+    DMatrix, DVector, Isometry3, Matrix6, Point3, SMatrix, Translation3, UnitQuaternion, Vector3, Vector6,
+};
+
+/// Steps at most. The problem is almost linear: a step leaves about a hundredth; the robot's scatter settles in a few.
+const STEPS: usize = 8;
+/// A step and a change of scale so small end it, mm at the centre and share.
+const SETTLED_MM: f64 = 1e-3;
+const SETTLED_SHARE: f64 = 0.02;
+/// The stated accuracy of the robot counts as much as so many observed coordinates, when its scatter is estimated.
+const STATED_FREEDOM: f64 = 4.0;
+
+/// One standard deviation, each axis, of what nobody measured.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CellAccuracy {
+    /// Position that the robot reports, mm.
+    pub robot_mm: f64,
+    /// Its orientation, degrees.
+    pub robot_deg: f64,
+    /// Position of the camera on the flange, mm.
+    pub hand_eye_mm: f64,
+    /// Its orientation, degrees.
+    pub hand_eye_deg: f64,
+}
+
+/// An arm of everyday quality, and a hand-eye calibration by hand with a board.
+impl Default for CellAccuracy {
+    fn default() -> Self {
+        Self { robot_mm: 0.3, robot_deg: 0.05, hand_eye_mm: 3.0, hand_eye_deg: 1.0 }
+    }
+}
+
+/// What is known before.
+pub(super) struct Known<'a> {
+    pub(super) reported: &'a [Isometry3<f64>],
+    pub(super) registered: &'a [Isometry3<f64>],
+    /// Of the views but the first, about the centre.
+    pub(super) surfaces: &'a SurfaceEvidence,
+    pub(super) centre_mm: Point3<f64>,
+    pub(super) cell: CellAccuracy,
+}
+
+/// What is known after.
+pub(super) struct Adjusted {
+    /// Of each camera.
+    pub(super) poses: Vec<Isometry3<f64>>,
+    /// Camera as stated from camera as it is.
+    pub(super) hand_eye: Isometry3<f64>,
+    /// Of the motions of all poses about the centre, then of the hand-eye motion in the camera's frame; rad, mm.
+    pub(super) covariance: DMatrix<f64>,
+    /// How far the robot's poses scatter, in multiples of what was stated: orientation, position.
+    pub(super) scale: [f64; 2],
+    /// What that estimate rests on, in coordinates.
+    pub(super) freedom: f64,
+}
+
+type Row = SMatrix<f64, 6, 12>;
+
+impl Adjusted {
+    pub(super) fn new(known: &Known) -> Option<Self> {
+        let mut now = Self {
+            poses: known.registered.to_vec(),
+            hand_eye: Isometry3::identity(),
+            covariance: DMatrix::zeros(0, 0),
+            scale: [1.0; 2],
+            freedom: STATED_FREEDOM,
+        };
+        for _ in 0..STEPS {
+            let (information, pull) = now.normal_equations(known);
+            let factor = information.cholesky()?;
+            let step = factor.solve(&pull);
+            now.covariance = factor.inverse();
+            now.apply(&step, &known.centre_mm);
+            let before = now.scale;
+            now.rescale(known);
+            let change = before.iter().zip(now.scale).map(|(a, b)| (b / a - 1.0).abs()).fold(0.0, f64::max);
+            if step.amax() < SETTLED_MM && change < SETTLED_SHARE {
+                break;
+            }
+        }
+        Some(now)
+    }
+
+    fn normal_equations(&self, known: &Known) -> (DMatrix<f64>, DVector<f64>) {
+        let views = self.poses.len();
+        let x = 6 * views;
+        let mut information = DMatrix::zeros(x + 6, x + 6);
+        let mut pull = DVector::zeros(x + 6);
+        self.add_surfaces(known, &mut information, &mut pull);
+        let weights = self.pose_weights(known);
+        for k in 0..views {
+            let (left, row) = self.pose_row(known, k);
+            let weighted = row.transpose() * Matrix6::from_diagonal(&weights);
+            let (square, side) = (weighted * row, weighted * left);
+            for (a, at) in [(0, 6 * k), (6, x)] {
+                let mut part = pull.fixed_rows_mut::<6>(at);
+                part -= side.fixed_rows::<6>(a);
+                for (b, to) in [(0, 6 * k), (6, x)] {
+                    let mut part = information.fixed_view_mut::<6, 6>(at, to);
+                    part += square.fixed_view::<6, 6>(a, b);
+                }
+            }
+        }
+        let cell = &known.cell;
+        let held = weights_of(cell.hand_eye_deg.to_radians(), cell.hand_eye_mm);
+        let mut part = pull.fixed_rows_mut::<6>(x);
+        part -= held.component_mul(&parameters(&self.hand_eye, &Point3::origin()));
+        let mut part = information.fixed_view_mut::<6, 6>(x, x);
+        part += Matrix6::from_diagonal(&held);
+        (information, pull)
+    }
+
+    /// The surfaces know where each view is against the first, and nothing of where all of them are.
+    fn add_surfaces(&self, known: &Known, information: &mut DMatrix<f64>, pull: &mut DVector<f64>) {
+        let motion = |k: usize| self.poses[k] * known.registered[k].inverse();
+        let back = motion(0).inverse();
+        let others = self.poses.len() - 1;
+        let mut done = DVector::zeros(6 * others);
+        for k in 0..others {
+            let against_first = parameters(&(back * motion(k + 1)), &known.centre_mm);
+            done.fixed_rows_mut::<6>(6 * k).copy_from(&against_first);
+        }
+        let seen = &known.surfaces.information;
+        let left = &known.surfaces.pull - seen * done;
+        for k in 0..others {
+            let own = left.fixed_rows::<6>(6 * k);
+            let mut part = pull.fixed_rows_mut::<6>(6 * (k + 1));
+            part += own;
+            let mut part = pull.fixed_rows_mut::<6>(0);
+            part -= own;
+            for l in 0..others {
+                let block = seen.fixed_view::<6, 6>(6 * k, 6 * l);
+                for (at, to, sign) in [(k + 1, l + 1, 1.0), (k + 1, 0, -1.0), (0, l + 1, -1.0), (0, 0, 1.0)] {
+                    let mut part = information.fixed_view_mut::<6, 6>(6 * at, 6 * to);
+                    part += block * sign;
+                }
+            }
+        }
+    }
+
+    /// Error of the robot in view `k` as the unknowns are (turn, shift of the camera), and its change with the view's motion
+    /// and with the hand-eye motion.
+    fn pose_row(&self, known: &Known, k: usize) -> (Vector6<f64>, Row) {
+        let (pose, expected) = (&self.poses[k], known.reported[k] * self.hand_eye);
+        let turn = (pose.rotation * expected.rotation.inverse()).scaled_axis();
+        let shift = pose.translation.vector - expected.translation.vector;
+        let arm = pose.translation.vector - known.centre_mm.coords;
+        let axes = -expected.rotation.to_rotation_matrix().into_inner();
+        let mut row = Row::zeros();
+        row.fixed_view_mut::<6, 6>(0, 0).fill_with_identity();
+        row.fixed_view_mut::<3, 3>(3, 0).copy_from(&-arm.cross_matrix());
+        row.fixed_view_mut::<3, 3>(0, 6).copy_from(&axes);
+        row.fixed_view_mut::<3, 3>(3, 9).copy_from(&axes);
+        (stacked(&turn, &shift), row)
+    }
+
+    fn pose_weights(&self, known: &Known) -> Vector6<f64> {
+        let [turn, shift] = self.scale;
+        weights_of(turn * known.cell.robot_deg.to_radians(), shift * known.cell.robot_mm)
+    }
+
+    fn apply(&mut self, step: &DVector<f64>, centre_mm: &Point3<f64>) {
+        let views = self.poses.len();
+        for (k, pose) in self.poses.iter_mut().enumerate() {
+            *pose = motion(&step.fixed_rows::<6>(6 * k).into_owned(), centre_mm) * *pose;
+        }
+        self.hand_eye *= motion(&step.fixed_rows::<6>(6 * views).into_owned(), &Point3::origin());
+    }
+
+    /// Estimates the scatter of the robot's poses from what is left of them, orientation and position each (Helmert's
+    /// estimate of variance components), with what was stated as some observations more.
+    fn rescale(&mut self, known: &Known) {
+        let (x, weights) = (6 * self.poses.len(), self.pose_weights(known));
+        let stated = weights_of(known.cell.robot_deg.to_radians(), known.cell.robot_mm);
+        let (mut squares, mut freedom) = ([STATED_FREEDOM; 2], [STATED_FREEDOM; 2]);
+        for k in 0..self.poses.len() {
+            let (left, row) = self.pose_row(known, k);
+            let mut own = SMatrix::<f64, 12, 12>::zeros();
+            for (a, at) in [(0, 6 * k), (6, x)] {
+                for (b, to) in [(0, 6 * k), (6, x)] {
+                    own.fixed_view_mut::<6, 6>(a, b).copy_from(&self.covariance.fixed_view::<6, 6>(at, to));
+                }
+            }
+            let explained = row * own * row.transpose();
+            for d in 0..6 {
+                squares[d / 3] += stated[d] * left[d] * left[d];
+                freedom[d / 3] += 1.0 - (weights[d] * explained[(d, d)]).clamp(0.0, 1.0);
+            }
+        }
+        self.scale = [0, 1].map(|group| (squares[group] / freedom[group]).sqrt());
+        self.freedom = freedom[0] + freedom[1] - STATED_FREEDOM;
+    }
+}
+
+/// Information of a turn and a shift with these standard deviations about and along each axis.
+fn weights_of(turn_rad: f64, shift_mm: f64) -> Vector6<f64> {
+    stacked(&Vector3::repeat(turn_rad.powi(-2)), &Vector3::repeat(shift_mm.powi(-2)))
+}
+
+fn stacked(turn: &Vector3<f64>, shift: &Vector3<f64>) -> Vector6<f64> {
+    Vector6::new(turn.x, turn.y, turn.z, shift.x, shift.y, shift.z)
+}
+
+/// Rotation vector of a motion, and shift of the centre.
+pub(super) fn parameters(motion: &Isometry3<f64>, centre_mm: &Point3<f64>) -> Vector6<f64> {
+    stacked(&motion.rotation.scaled_axis(), &(motion * centre_mm - centre_mm))
+}
+
+/// The motion with these parameters.
+pub(super) fn motion(parameters: &Vector6<f64>, centre_mm: &Point3<f64>) -> Isometry3<f64> {
+    let turn = UnitQuaternion::from_scaled_axis(parameters.fixed_rows::<3>(0).into_owned());
+    let c = centre_mm.coords;
+    Isometry3::from_parts(Translation3::from(c - turn * c + parameters.fixed_rows::<3>(3)), turn)
+}

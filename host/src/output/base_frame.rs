@@ -1,0 +1,75 @@
+//! `base_frame` of `summary.json`: what the views say of robot and camera, and how exact the program is in the base frame.
+//! Millimetres, degrees; schema: `docs/formats.md`.
+
+use serde::Serialize;
+
+use super::views;
+use crate::pipeline::{BaseFrame, Plan};
+
+/// The object; its numbers are null where nothing is known.
+#[derive(Debug, Serialize)]
+pub(super) struct BaseFrameSummary {
+    error_mm: Option<f64>,
+    error_deg: Option<f64>,
+    robot: Option<Scatter>,
+    hand_eye: Option<HandEye>,
+}
+
+/// How the reported poses scatter.
+#[derive(Debug, Serialize)]
+struct Scatter {
+    scatter_mm: f64,
+    scatter_deg: f64,
+    of_stated_mm: f64,
+    of_stated_deg: f64,
+}
+
+/// What the camera's place on the flange lacks.
+#[derive(Debug, Serialize)]
+struct HandEye {
+    applied: bool,
+    shift_mm: f64,
+    shift_sigma_mm: f64,
+    loosest_mm: f64,
+    turn_deg: f64,
+    turn_sigma_deg: f64,
+    loosest_deg: f64,
+    camera_from_corrected_mm: [f64; 3],
+    camera_from_corrected_wxyz: [f64; 4],
+}
+
+impl BaseFrameSummary {
+    pub(super) fn new(plan: &Plan) -> Self {
+        let worst = |errors: Vec<f64>| errors.into_iter().filter(|e| e.is_finite()).reduce(f64::max);
+        Self {
+            error_mm: worst(plan.seams.iter().map(|seam| seam.base_error_mm).collect()),
+            error_deg: worst(plan.seams.iter().map(|seam| seam.base_error_deg).collect()),
+            robot: plan.base_frame.as_ref().map(scatter),
+            hand_eye: plan.base_frame.as_ref().map(hand_eye),
+        }
+    }
+}
+
+fn scatter(found: &BaseFrame) -> Scatter {
+    Scatter {
+        scatter_mm: found.robot_mm,
+        scatter_deg: found.robot_deg,
+        of_stated_mm: found.scale_mm,
+        of_stated_deg: found.scale_deg,
+    }
+}
+
+fn hand_eye(found: &BaseFrame) -> HandEye {
+    let own = &found.hand_eye;
+    HandEye {
+        applied: own.is_applied,
+        shift_mm: own.shift_mm,
+        shift_sigma_mm: own.shift_sigma_mm,
+        loosest_mm: own.loosest_mm,
+        turn_deg: own.turn_deg,
+        turn_sigma_deg: own.turn_sigma_deg,
+        loosest_deg: own.loosest_deg,
+        camera_from_corrected_mm: views::position_mm(&own.camera_from_corrected),
+        camera_from_corrected_wxyz: views::wxyz(&own.camera_from_corrected),
+    }
+}
