@@ -118,6 +118,10 @@ fn left_as_is(adjusted: &Adjusted, registered: &[Isometry3<f64>], centre_mm: &Po
     left
 }
 
+fn is_scattered([turn, shift]: [f64; 2]) -> bool {
+    turn.max(shift) > SCATTERED
+}
+
 fn correction(adjusted: &Adjusted, beyond_repair: bool) -> Option<HandEyeCorrection> {
     let at = adjusted.covariance.nrows() - 6;
     let covariance: Matrix6<f64> = adjusted.covariance.fixed_view::<6, 6>(at, at).into_owned();
@@ -140,7 +144,8 @@ fn correction(adjusted: &Adjusted, beyond_repair: bool) -> Option<HandEyeCorrect
         turn_deg: turn.to_degrees(),
         turn_sigma_deg: turn_sigma.to_degrees(),
         loosest_deg: loosest.to_degrees(),
-        is_applied: squared > most && !beyond_repair,
+        // Poses that contradict what is stated of the robot are no ground to move the frame by.
+        is_applied: squared > most && !beyond_repair && !is_scattered(adjusted.scale),
     })
 }
 
@@ -150,7 +155,7 @@ const SCATTERED: f64 = 2.0;
 impl BaseFrame {
     /// Whether the reported poses scatter more than stated.
     pub fn is_scattered(&self) -> bool {
-        self.scale_mm.max(self.scale_deg) > SCATTERED
+        is_scattered([self.scale_deg, self.scale_mm])
     }
 
     /// Puts the views where they are in the base frame, and tells the registration how well that is known.
