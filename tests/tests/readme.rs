@@ -30,7 +30,7 @@ fn every_command_of_the_readme_ends_well() {
 }
 
 #[test]
-fn every_file_the_readme_links_to_is_there() {
+fn every_file_and_heading_the_readme_links_to_is_there() {
     let readme = std::fs::read_to_string(root().join("README.md")).unwrap();
     let links: Vec<&str> = readme
         .split("](")
@@ -40,6 +40,17 @@ fn every_file_the_readme_links_to_is_there() {
         .collect();
     assert!(!links.is_empty());
     for link in links {
-        assert!(root().join(link).exists(), "{link} is not there");
+        let (file, heading) = link.split_once('#').unwrap_or((link, ""));
+        assert!(root().join(file).exists(), "{link} is not there");
+        if !heading.is_empty() {
+            let text = std::fs::read_to_string(root().join(file)).unwrap();
+            assert!(text.lines().any(|line| is_heading(line, heading)), "{link}: no such heading");
+        }
     }
+}
+
+/// Whether a line is the heading of this anchor: in lower case, words joined by hyphens.
+fn is_heading(line: &str, anchor: &str) -> bool {
+    let words = line.trim_start_matches('#').trim().to_lowercase().replace(' ', "-");
+    line.starts_with('#') && words == anchor
 }
