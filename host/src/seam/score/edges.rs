@@ -78,7 +78,8 @@ pub fn asymmetries(grid: &Grid, radius_mm: f32) -> Vec<Vector3<f32>> {
             z += inside & offset[2];
         }
         // The point itself is among those around, and counts as the paper's `i = 0`.
-        Vector3::from([x, y, z].map(f32x8::reduce_add)) * (1.0 / (count.reduce_add() * radius_mm))
+        Vector3::new(x.reduce_add(), y.reduce_add(), z.reduce_add())
+            * (1.0 / (count.reduce_add() * radius_mm))
     })
 }
 
@@ -99,7 +100,8 @@ pub fn gradients(grid: &Grid, radius_mm: f32, intensity: &[f32]) -> Vec<Vector3<
             }
         }
         let of_lanes = |a: f32, b: f32| if b.abs() > a.abs() { b } else { a };
-        Vector3::from(largest.map(|lanes| lanes.to_array().into_iter().fold(0.0, of_lanes)))
+        let of_axis = |axis: usize| largest[axis].to_array().into_iter().fold(0.0, of_lanes);
+        Vector3::new(of_axis(0), of_axis(1), of_axis(2))
     })
 }
 
