@@ -134,11 +134,15 @@ pub struct Found {
     pub intensity: Vec<f32>,
 }
 
+/// How likely it is that a sheet of which nothing tells was seen from above: a judgement, not a measurement. A corner between
+/// its faces is an edge from the other side, so no seam there is surer than this.
+const SEEN_FROM_ABOVE: f64 = 0.8;
 /// How far from a seam the side of its faces is looked up, voxels.
 const SIDES_VOXELS: f32 = 4.0;
 
 impl Found {
-    /// Leaves out the seams on faces of which nobody knows the air side, and says so; `oriented` is of the model.
+    /// Leaves out the seams on faces of which nobody knows the air side, and says so; is less sure of all where it is assumed.
+    /// `oriented` is of the model.
     pub fn only_oriented(&mut self, oriented: &Orientation, model: &SurfaceModel) {
         self.warnings.extend(oriented.words());
         self.orientation_assumed = oriented.assumed;
@@ -157,6 +161,9 @@ impl Found {
         }
         self.warnings.extend(words);
         self.seams = known;
+        if oriented.assumed {
+            self.seams.iter_mut().for_each(|seam| seam.confidence *= SEEN_FROM_ABOVE);
+        }
         (1..).zip(&mut self.seams).for_each(|(id, seam)| seam.id = id);
     }
 }
