@@ -7,6 +7,7 @@ use weldpath::robot::feasibility::torch::Torch;
 use weldpath::weld::air::terrain::Terrain;
 use weldpath::weld::program::{Kind, Motion, Pass, Program, Waypoint, program};
 use weldpath::weld::{PathPoint, Process, SeamPath};
+use weldpath_tests::adversary::Random;
 
 const CLEARANCE_MM: f64 = 30.0;
 
@@ -276,32 +277,24 @@ fn behind_a_wall_seen_from_one_side_is_no_way() {
     }
 }
 
-/// SplitMix64, uniform in [0, 1).
-fn random(state: &mut u64) -> f64 {
-    *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    let a = (*state ^ (*state >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    let b = (a ^ (a >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    ((b ^ (b >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
-}
-
 #[test]
 fn among_random_walls_ways_are_clear_and_never_longer_than_over_the_safe_level() {
-    let state = &mut 17;
+    let random = &mut Random::new(17);
     let torch = Torch::default();
     let (mut shorter, mut all) = (0, 0);
     for _ in 0..6 {
         let mut parts = vec![face([0.0, 0.0, 0.0], [400.0, 0.0, 0.0], [0.0, 300.0, 0.0])];
         for k in 0..3 {
             let x = 80.0 + 120.0 * f64::from(k);
-            let y = 150.0 * random(state);
-            parts.push(wall([x, x + 8.0], [y, y + 100.0], 20.0 + 120.0 * random(state)));
+            let y = 150.0 * random.unit();
+            parts.push(wall([x, x + 8.0], [y, y + 100.0], 20.0 + 120.0 * random.unit()));
         }
         let model = cloud(&parts);
         let paths: Vec<SeamPath> = (0..3)
             .map(|k| {
                 let x = 40.0 + 120.0 * f64::from(k);
-                let (a, b) = (300.0 * random(state), 300.0 * random(state));
-                let lean = random(state) - 0.5;
+                let (a, b) = (300.0 * random.unit(), 300.0 * random.unit());
+                let lean = random.unit() - 0.5;
                 seam(k as usize + 1, [x, a, 0.0], [x, b, 0.0], [lean, 0.3 * lean, 1.0])
             })
             .collect();

@@ -15,6 +15,7 @@ use weldpath::output::verdict::ReasonId;
 use weldpath::pipeline::{self, Anchor, Config, Plan};
 use weldpath::run::job::Job;
 use weldpath::run::verdict;
+use weldpath_tests::adversary::Random;
 
 /// A cell of everyday quality: what findings call "hand-eye off by 2 mm and 0.5 degrees, robot true to 0.1 mm".
 const CELL: CellErrors = CellErrors { hand_eye_mm: 2.0, hand_eye_deg: 0.5, robot_mm: 0.1, robot_deg: 0.03 };
@@ -26,26 +27,13 @@ const WITHIN: f64 = 0.95;
 const HONEST: std::ops::Range<f64> = 0.7..3.0;
 const ENOUGH: usize = 8;
 
-/// Normal numbers that look random; the same for a seed everywhere (SplitMix64, sum of twelve).
-struct Dice(u64);
+/// Normal numbers of this standard deviation.
+fn vector(random: &mut Random, sigma: f64) -> Vector3<f64> {
+    Vector3::from_fn(|_, _| random.normal()) * sigma
+}
 
-impl Dice {
-    fn unit(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        (z ^ (z >> 31)) as f64 / u64::MAX as f64
-    }
-
-    fn vector(&mut self, sigma: f64) -> Vector3<f64> {
-        let mut normal = || (0..12).map(|_| self.unit()).sum::<f64>() - 6.0;
-        Vector3::new(normal(), normal(), normal()) * sigma
-    }
-
-    fn of_length(&mut self, length: f64) -> Vector3<f64> {
-        self.vector(1.0).normalize() * length
-    }
+fn of_length(random: &mut Random, length: f64) -> Vector3<f64> {
+    vector(random, 1.0).normalize() * length
 }
 
 fn pose(rows: &[[f64; 4]; 4]) -> Isometry3<f64> {
@@ -56,13 +44,13 @@ fn pose(rows: &[[f64; 4]; 4]) -> Isometry3<f64> {
 
 /// Gives every view the pose that a robot of such a cell would report, by rigid algebra alone.
 fn put_into_cell(views: &mut [View], truth: &Truth, cell: CellErrors, seed: u64) {
-    let mut dice = Dice(seed);
-    let turn = dice.of_length(cell.hand_eye_deg.to_radians());
-    let stated_from_true = Isometry3::new(dice.of_length(cell.hand_eye_mm), turn);
+    let random = &mut Random::new(seed);
+    let turn = of_length(random, cell.hand_eye_deg.to_radians());
+    let stated_from_true = Isometry3::new(of_length(random, cell.hand_eye_mm), turn);
     for (view, rows) in views.iter_mut().zip(&truth.true_cam) {
         let stated = pose(rows) * stated_from_true.inverse();
-        let turn = UnitQuaternion::from_scaled_axis(dice.vector(cell.robot_deg.to_radians()));
-        let shift = Translation3::from(stated.translation.vector + dice.vector(cell.robot_mm));
+        let turn = UnitQuaternion::from_scaled_axis(vector(random, cell.robot_deg.to_radians()));
+        let shift = Translation3::from(stated.translation.vector + vector(random, cell.robot_mm));
         view.base_from_camera = Isometry3::from_parts(shift, turn * stated.rotation);
     }
 }

@@ -5,35 +5,17 @@ use nalgebra::{
 };
 use weldpath::model::base_frame::{BaseFrame, CellAccuracy, anchor_first, locate};
 use weldpath::model::reconstruction::{Registration, SurfaceEvidence};
+use weldpath_tests::adversary::Random;
 
 /// How far registration is off in these tests, each view, each axis.
 const REGISTERED_MM: f64 = 0.05;
 const REGISTERED_RAD: f64 = 3e-4;
 const SEEDS: u64 = 60;
 
-/// Normal numbers that look random; the same for a seed everywhere (SplitMix64, sum of twelve).
-struct Dice(u64);
-
-impl Dice {
-    fn unit(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        (z ^ (z >> 31)) as f64 / u64::MAX as f64
-    }
-
-    fn normal(&mut self) -> f64 {
-        (0..12).map(|_| self.unit()).sum::<f64>() - 6.0
-    }
-
-    fn vector(&mut self, sigma: f64) -> Vector3<f64> {
-        Vector3::new(self.normal(), self.normal(), self.normal()) * sigma
-    }
-
-    fn motion(&mut self, mm: f64, rad: f64) -> Isometry3<f64> {
-        Isometry3::new(self.vector(mm), self.vector(rad))
-    }
+/// A shift and a turn, each axis of these standard deviations.
+fn motion(random: &mut Random, mm: f64, rad: f64) -> Isometry3<f64> {
+    let mut vector = |sigma: f64| Vector3::from_fn(|_, _| random.normal()) * sigma;
+    Isometry3::new(vector(mm), vector(rad))
 }
 
 /// Rotation vector of a motion, and shift of the origin, where the work is.
@@ -61,16 +43,23 @@ struct Scanned {
 }
 
 /// The hand-eye transform lacks `hand_eye`, and the robot is off by so much in every view, each axis.
-fn scanned(truth: &[Isometry3<f64>], hand_eye: Isometry3<f64>, robot: [f64; 2], dice: &mut Dice) -> Scanned {
-    let own = |pose: &Isometry3<f64>, dice: &mut Dice, [mm, rad]: [f64; 2]| {
-        let off = dice.motion(mm, rad);
+fn scanned(
+    truth: &[Isometry3<f64>],
+    hand_eye: Isometry3<f64>,
+    robot: [f64; 2],
+    random: &mut Random,
+) -> Scanned {
+    let own = |pose: &Isometry3<f64>, random: &mut Random, [mm, rad]: [f64; 2]| {
+        let off = motion(random, mm, rad);
         Isometry3::from_parts(
             (pose.translation.vector + off.translation.vector).into(),
             off.rotation * pose.rotation,
         )
     };
-    let reported: Vec<_> = truth.iter().map(|pose| own(&(pose * hand_eye.inverse()), dice, robot)).collect();
-    let seen: Vec<_> = truth.iter().map(|pose| dice.motion(REGISTERED_MM, REGISTERED_RAD) * pose).collect();
+    let reported: Vec<_> =
+        truth.iter().map(|pose| own(&(pose * hand_eye.inverse()), random, robot)).collect();
+    let seen: Vec<_> =
+        truth.iter().map(|pose| motion(random, REGISTERED_MM, REGISTERED_RAD) * pose).collect();
     // Registration leaves the first view where it was reported.
     let keep = reported[0] * seen[0].inverse();
     let n = 6 * (truth.len() - 1);
@@ -115,9 +104,9 @@ fn over_seeds(hand_eye: [f64; 2], robot: [f64; 2]) -> [f64; 3] {
     let truth = cameras(25.0);
     let (mut real, mut stated, mut within) = (0.0, 0.0, 0.0);
     for seed in 0..SEEDS {
-        let dice = &mut Dice(seed);
-        let lacking = dice.motion(hand_eye[0], hand_eye[1]);
-        let (off, covariance) = scanned(&truth, lacking, robot, dice).error(&truth);
+        let random = &mut Random::new(seed);
+        let lacking = motion(random, hand_eye[0], hand_eye[1]);
+        let (off, covariance) = scanned(&truth, lacking, robot, random).error(&truth);
         let own = off.fixed_rows::<3>(3).norm_squared();
         let told = covariance.fixed_view::<3, 3>(3, 3).trace();
         (real, stated) = (real + own, stated + told);
@@ -139,7 +128,7 @@ fn an_error_of_the_hand_eye_is_taken_out_and_what_is_left_is_as_large_as_stated(
 #[test]
 fn poses_ten_times_as_scattered_as_a_robots_are_told_and_their_error_stated() {
     let truth = cameras(25.0);
-    let found = scanned(&truth, Isometry3::identity(), [3.0, 0.009], &mut Dice(4)).located();
+    let found = scanned(&truth, Isometry3::identity(), [3.0, 0.009], &mut Random::new(4)).located();
     assert!((1.5..5.0).contains(&found.robot_mm) && found.is_scattered(), "{} mm", found.robot_mm);
     assert!((0.25..0.9).contains(&found.robot_deg), "{} deg", found.robot_deg);
     let [real, stated, within] = over_seeds([0.0, 0.0], [3.0, 0.009]);
@@ -152,7 +141,10 @@ fn a_good_hand_eye_transform_is_left_as_it_is() {
     let truth = cameras(25.0);
     for robot in [[0.02, 1e-4], [0.3, 8.7e-4], [2.0, 0.008]] {
         let applied = (0..SEEDS).filter(|&seed| {
-            scanned(&truth, Isometry3::identity(), robot, &mut Dice(seed)).located().hand_eye.is_applied
+            scanned(&truth, Isometry3::identity(), robot, &mut Random::new(seed))
+                .located()
+                .hand_eye
+                .is_applied
         });
         assert!(applied.count() <= 1, "{robot:?}");
     }
@@ -163,9 +155,9 @@ fn the_estimate_of_the_hand_eye_is_as_exact_as_it_says() {
     let truth = cameras(25.0);
     let mut squared = 0.0;
     for seed in 0..SEEDS {
-        let dice = &mut Dice(seed);
-        let lacking = dice.motion(1.2, 0.005);
-        let found = scanned(&truth, lacking, [0.3, 8.7e-4], dice).located().hand_eye;
+        let random = &mut Random::new(seed);
+        let lacking = motion(random, 1.2, 0.005);
+        let found = scanned(&truth, lacking, [0.3, 8.7e-4], random).located().hand_eye;
         let off = (found.camera_from_corrected.translation.vector - lacking.translation.vector).norm();
         squared += (off / found.loosest_mm).powi(2);
     }
@@ -177,7 +169,7 @@ fn the_estimate_of_the_hand_eye_is_as_exact_as_it_says() {
 fn where_the_views_do_not_turn_the_hand_eye_stays_at_its_prior_and_so_does_the_error() {
     let truth = cameras(0.3);
     let lacking = Isometry3::translation(0.5, -0.5, 2.0);
-    let scan = scanned(&truth, lacking, [0.1, 5e-4], &mut Dice(7));
+    let scan = scanned(&truth, lacking, [0.1, 5e-4], &mut Random::new(7));
     let hand_eye = scan.located().hand_eye;
     assert!(hand_eye.loosest_mm > 2.5, "{hand_eye:?}");
     let (off, stated) = scan.error(&truth);
@@ -187,7 +179,7 @@ fn where_the_views_do_not_turn_the_hand_eye_stays_at_its_prior_and_so_does_the_e
 #[test]
 fn nothing_is_corrected_where_the_hand_eye_is_beyond_repair_or_the_first_view_exact() {
     let truth = cameras(25.0);
-    let scan = scanned(&truth, Isometry3::translation(0.0, 30.0, -90.0), [0.1, 5e-4], &mut Dice(3));
+    let scan = scanned(&truth, Isometry3::translation(0.0, 30.0, -90.0), [0.1, 5e-4], &mut Random::new(3));
     let cell = CellAccuracy::default();
     let found = locate(&scan.reported, &scan.registration, cell, true).unwrap();
     let mut settled = scan.registration.clone();

@@ -16,6 +16,7 @@ use weldpath::pipeline;
 use weldpath::run::job::Job;
 use weldpath::run::postprocessing::postprocess;
 use weldpath::run::verdict;
+use weldpath_tests::adversary::Random;
 
 const PIECES: &[&str] = &["fillet", "lap", "pipe", "butt-v"];
 /// Those of them that are tried whenever the tests run: two minutes of a processor go into all four.
@@ -69,35 +70,18 @@ const ROWS: &[(&str, Mistake, &[State])] = &[
     ("a stand-off of -20 mm", Mistake::StandOff, &[State::Refused]),
 ];
 
-/// Whole numbers that look random; the same for a seed everywhere (SplitMix64).
-struct Dice(u64);
+/// A direction, evenly.
+fn direction(random: &mut Random) -> Vector3<f64> {
+    let (z, about) = (2.0 * random.unit() - 1.0, std::f64::consts::TAU * random.unit());
+    let level = (1.0 - z * z).sqrt();
+    Vector3::new(level * about.cos(), level * about.sin(), z)
+}
 
-impl Dice {
-    fn unit(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        (z ^ (z >> 31)) as f64 / u64::MAX as f64
-    }
-
-    fn below(&mut self, count: usize) -> usize {
-        ((self.unit() * count as f64) as usize).min(count - 1)
-    }
-
-    /// A direction, evenly.
-    fn direction(&mut self) -> Vector3<f64> {
-        let (z, about) = (2.0 * self.unit() - 1.0, std::f64::consts::TAU * self.unit());
-        let level = (1.0 - z * z).sqrt();
-        Vector3::new(level * about.cos(), level * about.sin(), z)
-    }
-
-    /// Turns about the camera by degrees, and shifts it by mm.
-    fn moved(&mut self, camera_m: &Vector3<f64>, mm: f64, deg: f64) -> Isometry3<f64> {
-        let turn = UnitQuaternion::from_scaled_axis(self.direction() * deg.to_radians());
-        let shift = camera_m - turn * camera_m + self.direction() * mm / 1e3;
-        Isometry3::from_parts(Translation3::from(shift), turn)
-    }
+/// Turns about the camera by degrees, and shifts it by mm.
+fn moved(random: &mut Random, camera_m: &Vector3<f64>, mm: f64, deg: f64) -> Isometry3<f64> {
+    let turn = UnitQuaternion::from_scaled_axis(direction(random) * deg.to_radians());
+    let shift = camera_m - turn * camera_m + direction(random) * mm / 1e3;
+    Isometry3::from_parts(Translation3::from(shift), turn)
 }
 
 /// A `scan.json` in metres with poses as six numbers.
@@ -139,9 +123,9 @@ impl Manifest {
     }
 
     /// With the mistake; the view that alone is wrong, if one is.
-    fn spoil(&mut self, mistake: Mistake, dice: &mut Dice) -> Option<usize> {
+    fn spoil(&mut self, mistake: Mistake, random: &mut Random) -> Option<usize> {
         let count = self.poses.len();
-        let k = dice.below(count);
+        let k = random.below(count as u64) as usize;
         let all = |poses: &mut Vec<Isometry3<f64>>, change: Isometry3<f64>| {
             poses.iter_mut().for_each(|pose| *pose *= change);
         };
@@ -149,12 +133,12 @@ impl Manifest {
             Mistake::None | Mistake::StrayPixel | Mistake::StandOff => None,
             Mistake::Loose => {
                 for k in 0..count {
-                    self.poses[k] = dice.moved(&self.camera_m(k), 3.0, 0.6) * self.poses[k];
+                    self.poses[k] = moved(random, &self.camera_m(k), 3.0, 0.6) * self.poses[k];
                 }
                 None
             }
             Mistake::OneView(mm, deg) => {
-                self.poses[k] = dice.moved(&self.camera_m(k), mm, deg) * self.poses[k];
+                self.poses[k] = moved(random, &self.camera_m(k), mm, deg) * self.poses[k];
                 Some(k)
             }
             Mistake::Twice => {
@@ -274,9 +258,9 @@ fn planned(manifest: Manifest, piece: &str, mistake: Mistake) -> Outcome {
 /// Makes a mistake on a piece; what is wrong with what becomes of it, and its line of the printed table.
 fn tried(row: &(&str, Mistake, &[State]), piece: &str, seed: u64) -> (String, Vec<String>) {
     let (words, mistake, states) = *row;
-    let mut dice = Dice(seed);
+    let mut random = Random::new(seed);
     let mut manifest = Manifest::read(&images(piece));
-    let wrong = manifest.spoil(mistake, &mut dice);
+    let wrong = manifest.spoil(mistake, &mut random);
     let outcome = planned(manifest, piece, mistake);
     let (state, false_share) = (outcome.state(), outcome.score.as_ref().map_or(0.0, |s| s.false_share));
     let mut faults = Vec::new();
