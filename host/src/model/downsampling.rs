@@ -228,7 +228,7 @@ fn kept(cells: &Cells, occupancy: Occupancy) -> Vec<usize> {
             return false;
         }
         let (mut sum, mut most) = (0.0, 0.0f32);
-        cells.for_each_around(k, |other| {
+        cells.for_each_around(k, 1, |other| {
             sum += holds(other);
             most = most.max(holds(other));
         });

@@ -36,8 +36,6 @@ pub struct Orientation {
     pub normals: Vec<Vector3<f32>>,
     /// Which of them nothing was known of.
     pub unknown: Vec<bool>,
-    /// A plane with nothing behind it, toward the rest.
-    pub table: Option<Vector3<f32>>,
     /// Whether the cloud looks alike from over and from below, and is taken as seen from above, +z.
     pub assumed: bool,
     /// Share of the given sides that what is seen bears out; none if none were given.
@@ -62,10 +60,10 @@ impl Orientation {
 
 /// The sides of a thinned cloud; `given` says whether its normals came with sides, which then are only checked.
 pub fn seen(voxels: &Voxels, given: bool) -> Orientation {
-    let (points, normals) = (&voxels.cloud.points_mm, &voxels.cloud.normals);
-    let table = table(voxels);
-    let looks = looks(voxels, table.as_ref());
-    let votes = smoothed(voxels, &votes(points, normals, voxels.edge_mm, &looks.directions));
+    let normals = &voxels.cloud.normals;
+    let looks = Looks::at(voxels);
+    let (from, from_above) = from(voxels, &looks);
+    let votes = smoothed(voxels, &votes(&looks.counts(normals, from)));
     let judged = votes.iter().filter(|vote| vote.abs() > 0.5);
     let (agree, all) = judged.fold((0u32, 0u32), |(yes, all), vote| (yes + u32::from(*vote > 0.0), all + 1));
     let share = agree as f32 / all.max(1) as f32;
@@ -77,14 +75,8 @@ pub fn seen(voxels: &Voxels, given: bool) -> Orientation {
         _ => spread(voxels, &votes),
     };
     sides.iter_mut().for_each(|n| *n = n.try_normalize(1e-6).unwrap_or_else(Vector3::z));
-    let assumed = looks.assumed && !keeps && !turns;
-    Orientation {
-        normals: sides,
-        unknown,
-        table: table.map(|t| t.up),
-        assumed,
-        borne_out: given.then_some(share),
-    }
+    let assumed = from_above && !keeps && !turns;
+    Orientation { normals: sides, unknown, assumed, borne_out: given.then_some(share) }
 }
 
 /// Votes from here on are sure. A plate of which one side was scanned is seen from both: its side carries over from what
@@ -125,47 +117,93 @@ fn spread(voxels: &Voxels, votes: &[f32]) -> (Vec<Vector3<f32>>, Vec<bool>) {
 /// Neighbours farther apart than this are not the same surface, voxels.
 const SPREAD_VOXELS: f32 = 2.0;
 
-/// Unit directions from which to look, evenly spread (Fibonacci's spiral).
-fn directions() -> impl Iterator<Item = Vector3<f32>> {
-    let golden = std::f32::consts::PI * (3.0 - 5f32.sqrt());
-    (0..LOOKS).map(move |k| {
-        let z = 1.0 - (2.0 * k as f32 + 1.0) / LOOKS as f32;
-        let (sin, cos) = (golden * k as f32).sin_cos();
-        let r = (1.0 - z * z).max(0.0).sqrt();
-        Vector3::new(r * cos, r * sin, z)
-    })
-}
-
-/// Whence a cloud is looked at.
+/// What is seen of a cloud from directions all round.
 struct Looks {
+    /// Unit directions, evenly spread (Fibonacci's spiral).
     directions: Vec<Vector3<f32>>,
-    /// Whether from above, +z, only because what is seen does not tell.
-    assumed: bool,
+    /// Which of them see each voxel, a bit for each.
+    seen: Vec<Directions>,
 }
 
-/// From over the table, or from the half of all directions that sees nearly everything: that is whence it was scanned. A
-/// sheet without thickness is seen as well from behind: then from above, if above is over it. Else from all round.
-fn looks(voxels: &Voxels, table: Option<&Table>) -> Looks {
-    let half = |up: &Vector3<f32>| directions().filter(|d| d.dot(up) > LEAST_HEIGHT).collect::<Vec<_>>();
-    let (points, normals) = (&voxels.cloud.points_mm, &voxels.cloud.normals);
-    let shown = |up: &Vector3<f32>| {
-        let counts = counts(points, normals, voxels.edge_mm, &half(up));
-        counts.iter().filter(|[front, back]| front + back > 0).count() as f32 / points.len().max(1) as f32
-    };
-    if let Some(table) = table.filter(|table| table.surrounds || shown(&-table.up) <= WHOLE) {
-        return Looks { directions: half(&table.up), assumed: false };
+/// Some of the directions: a bit for each.
+type Directions = u128;
+const _: () = assert!(LOOKS <= Directions::BITS as usize);
+
+impl Looks {
+    fn at(voxels: &Voxels) -> Self {
+        /// Looks that are held at a time: a byte for each and voxel.
+        const AT_A_TIME: usize = 8;
+        let golden = std::f32::consts::PI * (3.0 - 5f32.sqrt());
+        let direction = |k: usize| {
+            let z = 1.0 - (2.0 * k as f32 + 1.0) / LOOKS as f32;
+            let (sin, cos) = (golden * k as f32).sin_cos();
+            let r = (1.0 - z * z).max(0.0).sqrt();
+            Vector3::new(r * cos, r * sin, z)
+        };
+        let directions: Vec<Vector3<f32>> = (0..LOOKS).map(direction).collect();
+        let (points, normals) = (&voxels.cloud.points_mm, &voxels.cloud.normals);
+        let mut seen: Vec<Directions> = vec![0; points.len()];
+        for (chunk, some) in directions.chunks(AT_A_TIME).enumerate() {
+            let shown: Vec<Vec<bool>> =
+                some.par_iter().map(|look| visible(points, normals, voxels.edge_mm, look)).collect();
+            seen.par_iter_mut().enumerate().for_each(|(i, seen)| {
+                for (k, shown) in (AT_A_TIME * chunk..).zip(&shown) {
+                    *seen |= Directions::from(shown[i]) << k;
+                }
+            });
+        }
+        Self { directions, seen }
+    }
+
+    /// Those over a plane that faces `up`.
+    fn half(&self, up: &Vector3<f32>) -> Directions {
+        let over = self.directions.iter().map(|d| Directions::from(d.dot(up) > LEAST_HEIGHT));
+        over.enumerate().map(|(k, over)| over << k).sum()
+    }
+
+    /// Share of the voxels that some of these directions see.
+    fn share(&self, from: Directions) -> f32 {
+        self.seen.iter().filter(|seen| **seen & from != 0).count() as f32 / self.seen.len().max(1) as f32
+    }
+
+    /// How many of these directions see each voxel from the side of its normal, and from the other.
+    fn counts(&self, normals: &[Vector3<f32>], from: Directions) -> Vec<[u16; 2]> {
+        let count = |(seen, normal): (&Directions, &Vector3<f32>)| {
+            let mut sides = [0; 2];
+            let mut left = seen & from;
+            while left != 0 {
+                let look = &self.directions[left.trailing_zeros() as usize];
+                sides[usize::from(normal.dot(look) < 0.0)] += 1;
+                left &= left - 1;
+            }
+            sides
+        };
+        self.seen.par_iter().zip(normals).map(count).collect()
+    }
+}
+
+/// Whence a cloud was scanned, and whether that is from above, +z, only because what is seen does not tell.
+///
+/// From over the table, or from the half of all directions that sees nearly everything. A sheet without thickness is seen as
+/// well from behind: then from above, if above is over it. Else from all round.
+fn from(voxels: &Voxels, looks: &Looks) -> (Directions, bool) {
+    let axes = common_axes(&voxels.cloud.normals);
+    let shown = |up: &Vector3<f32>| looks.share(looks.half(up));
+    if let Some(table) =
+        table(voxels, &axes, looks).filter(|table| table.surrounds || shown(&-table.up) <= WHOLE)
+    {
+        return (looks.half(&table.up), false);
     }
     let whole =
         |axis: Vector3<f32>| [axis, -axis].map(|up| (shown(&up), up)).map(|(s, up)| (s > WHOLE, s, up));
-    let axes: Vec<_> = common_axes(normals).into_iter().map(whole).collect();
+    let axes: Vec<_> = axes.into_iter().map(whole).collect();
     let above = axes.iter().filter(|[one, other]| one.0 && other.0).flatten().map(|(.., up)| *up);
     if let Some(up) = above.max_by(|a, b| a.z.total_cmp(&b.z)) {
         let assumed = up.z > LEAST_UP;
-        return Looks { directions: if assumed { half(&up) } else { directions().collect() }, assumed };
+        return (if assumed { looks.half(&up) } else { Directions::MAX }, assumed);
     }
     let best = axes.iter().flatten().filter(|(whole, ..)| *whole).max_by(|a, b| a.1.total_cmp(&b.1));
-    let directions = best.map_or_else(|| directions().collect(), |(.., up)| half(up));
-    Looks { directions, assumed: false }
+    (best.map_or(Directions::MAX, |(.., up)| looks.half(up)), false)
 }
 
 /// Share of the voxels that half of the directions must see to be those whence the cloud was scanned.
@@ -173,33 +211,13 @@ const WHOLE: f32 = 0.97;
 /// Sine of the least slope of a sheet of which above is over one side: 17 degrees.
 const LEAST_UP: f32 = 0.3;
 
-/// How many looks see each voxel from the side of its normal, and from the other.
-fn counts(
-    points: &[Point3<f32>],
-    normals: &[Vector3<f32>],
-    edge_mm: f32,
-    looks: &[Vector3<f32>],
-) -> Vec<[u16; 2]> {
-    let seen: Vec<Vec<bool>> = looks.par_iter().map(|look| visible(points, normals, edge_mm, look)).collect();
-    let count = |i: usize| {
-        let mut sides = [0; 2];
-        for (look, seen) in looks.iter().zip(&seen) {
-            if seen[i] {
-                sides[usize::from(normals[i].dot(look) < 0.0)] += 1;
-            }
-        }
-        sides
-    };
-    (0..points.len()).into_par_iter().map(count).collect()
-}
-
 /// From -1, seen from behind only, to 1; 0 where it is not seen.
-fn votes(points: &[Point3<f32>], normals: &[Vector3<f32>], edge_mm: f32, looks: &[Vector3<f32>]) -> Vec<f32> {
-    let vote = |[front, back]: [u16; 2]| {
-        let (front, back) = (f32::from(front), f32::from(back));
+fn votes(counts: &[[u16; 2]]) -> Vec<f32> {
+    let vote = |[front, back]: &[u16; 2]| {
+        let (front, back) = (f32::from(*front), f32::from(*back));
         if front + back > 0.0 { (front - back) / (front + back) } else { 0.0 }
     };
-    counts(points, normals, edge_mm, looks).into_iter().map(vote).collect()
+    counts.iter().map(vote).collect()
 }
 
 /// Which voxels a look from far away in this direction sees.
@@ -318,10 +336,10 @@ struct Table {
     surrounds: bool,
 }
 
-fn table(voxels: &Voxels) -> Option<Table> {
-    let planes: Vec<_> =
-        common_axes(&voxels.cloud.normals).into_iter().flat_map(|axis| [axis, -axis]).collect();
-    let tables: Vec<Table> = planes.par_iter().filter_map(|up| table_along(voxels, up)).collect();
+/// The largest table that faces along one of these axes.
+fn table(voxels: &Voxels, axes: &[Vector3<f32>], looks: &Looks) -> Option<Table> {
+    let planes: Vec<_> = axes.iter().flat_map(|axis| [*axis, -axis]).collect();
+    let tables: Vec<Table> = planes.par_iter().filter_map(|up| table_along(voxels, up, looks)).collect();
     tables.into_iter().max_by(|a, b| a.share.total_cmp(&b.share))
 }
 
@@ -355,7 +373,7 @@ pub fn surrounds(points: &[Point3<f32>], up: &Vector3<f32>, level_mm: f32, half_
 }
 
 /// The table that faces about this way.
-fn table_along(voxels: &Voxels, up: &Vector3<f32>) -> Option<Table> {
+fn table_along(voxels: &Voxels, up: &Vector3<f32>, looks: &Looks) -> Option<Table> {
     let (points, normals) = (&voxels.cloud.points_mm, &voxels.cloud.normals);
     let total = points.len() as f32;
     let half_mm = FLAT_VOXELS * voxels.edge_mm;
@@ -383,12 +401,10 @@ fn table_along(voxels: &Voxels, up: &Vector3<f32>) -> Option<Table> {
     if count < TABLE_SHARE * total || !stands {
         return None;
     }
-    let looks: Vec<_> = directions().filter(|d| d.dot(&up) > LEAST_HEIGHT).collect();
-    let seen = counts(points, normals, voxels.edge_mm, &looks);
-    // From below, nothing hides it in any case; from above, half of all looks must see it.
-    let open = (0..points.len())
-        .filter(|&i| on[i] && usize::from(seen[i][0] + seen[i][1]) * 3 > looks.len())
-        .count();
+    let over = looks.half(&up);
+    // From below, nothing hides it in any case; from above, a third of all looks must see it.
+    let is_open = |i: usize| 3 * (looks.seen[i] & over).count_ones() > over.count_ones();
+    let open = (0..points.len()).filter(|&i| on[i] && is_open(i)).count();
     let surrounds = surrounds(points, &up, level_mm, half_mm);
     (open as f32 > OPEN * count).then_some(Table { up, share: count / total, surrounds })
 }
@@ -453,7 +469,8 @@ mod tests {
             let sides = seen(&voxels, false);
             let wrong = sides.normals.iter().zip(&truth).filter(|(a, b)| a.dot(b) < 0.0).count();
             assert!(wrong * 500 < truth.len(), "{wrong} of {}", truth.len());
-            assert!(sides.table.unwrap().dot(&(turn * Vector3::z())) > 0.999);
+            let table = table(&voxels, &common_axes(&voxels.cloud.normals), &Looks::at(&voxels));
+            assert!(table.unwrap().up.dot(&(turn * Vector3::z())) > 0.999);
             assert_eq!(sides.borne_out, None);
         }
     }

@@ -64,10 +64,10 @@ impl Cells {
         own.map(|(&at, own)| Sums::new(at, own, self.rows.cell_mm)).collect()
     }
 
-    /// Visits a cell and its occupied neighbours among the 26.
-    pub(crate) fn for_each_around(&self, k: usize, mut visit: impl FnMut(usize)) {
+    /// Visits a cell and those of its 26 neighbours `stride` cells away that are occupied.
+    pub(crate) fn for_each_around(&self, k: usize, stride: usize, mut visit: impl FnMut(usize)) {
         let at = self.places[k].map(|at| at as usize);
-        let steps = |k: usize| [at[k].wrapping_sub(1), at[k], at[k] + 1];
+        let steps = |k: usize| [at[k].wrapping_sub(stride), at[k], at[k] + stride];
         for z in steps(2).into_iter().filter(|&z| z < self.rows.cells[2]) {
             for y in steps(1).into_iter().filter(|&y| y < self.rows.cells[1]) {
                 let (row, end) = self.rows.row(y, z);
@@ -91,23 +91,10 @@ impl Cells {
 
     /// The sums of one cell and its 26 neighbours `stride` cells away.
     pub(crate) fn window(&self, k: usize, sums: &[Sums], stride: usize) -> Sums {
-        let at = self.places[k].map(|at| at as usize);
-        let steps = |k: usize| [at[k].wrapping_sub(stride), at[k], at[k] + stride];
         let mut window = Sums::default();
-        for z in steps(2).into_iter().filter(|&z| z < self.rows.cells[2]) {
-            for y in steps(1).into_iter().filter(|&y| y < self.rows.cells[1]) {
-                let (row, end) = self.rows.row(y, z);
-                let entries = &self.at[row.entry as usize..end as usize];
-                for x in steps(0) {
-                    // Outside the row, on either side, there is no entry.
-                    let found =
-                        entries.get(x.wrapping_sub(row.first_x as usize)).map_or(0, |at| *at as usize);
-                    if let Some(other) = sums.get(found.wrapping_sub(1)) {
-                        window.0.iter_mut().zip(other.0).for_each(|(own, more)| *own += more);
-                    }
-                }
-            }
-        }
+        self.for_each_around(k, stride, |other| {
+            window.0.iter_mut().zip(sums[other].0).for_each(|(own, more)| *own += more);
+        });
         window
     }
 }
