@@ -50,12 +50,13 @@ fn writer_that_is_killed() {
     let of = |name: &str| std::env::var(format!("WELDPATH_TEST_{name}"));
     let (Ok(folder), Ok(at), Ok(signal)) = (of("FOLDER"), of("AT"), of("SIGNAL")) else { return };
     let at: usize = at.parse().unwrap();
+    let number = SIGNALS.iter().find(|(name, _)| *name == signal).unwrap().1;
     interrupt::arm().unwrap();
     let count = AtomicUsize::new(0);
     let watch = |_: files::Operation<'_>| {
         if count.fetch_add(1, Ordering::SeqCst) == at {
-            let me = std::process::id().to_string();
-            Command::new("kill").args(["-s", &signal, &me]).status().unwrap();
+            // To this thread: one sent to the process may come after all is written, on a busy machine.
+            signal_hook::low_level::raise(number).unwrap();
         }
         Ok(())
     };
@@ -130,7 +131,7 @@ fn twenty_kills_of_the_program_at_random_times_leave_one_scan_or_the_other() {
     let out = home.path().join("out");
     let began = Instant::now();
     assert!(simulate(&out, seeds[0]).status().unwrap().success());
-    let usual = began.elapsed();
+    let mut usual = began.elapsed();
     let seed = u64::from(std::process::id());
     println!("seed {seed}, a run takes {usual:?}");
     let mut random = Random::new(seed);
@@ -138,6 +139,7 @@ fn twenty_kills_of_the_program_at_random_times_leave_one_scan_or_the_other() {
     for k in 0..20 {
         let (signal, _) = SIGNALS[k % 3];
         let before = tree(&out);
+        let began = Instant::now();
         let mut child = simulate(&out, seeds[(k + 1) % 2]).spawn().unwrap();
         // Most of a run is work; its files are written in the last part.
         std::thread::sleep(
@@ -148,7 +150,11 @@ fn twenty_kills_of_the_program_at_random_times_leave_one_scan_or_the_other() {
             .stderr(Stdio::null())
             .status()
             .unwrap();
-        killed += usize::from(child.wait().unwrap().signal().is_some());
+        match child.wait().unwrap().signal() {
+            Some(_) => killed += 1,
+            // Runs take less time on a machine that has less else to do.
+            None => usual = usual.min(began.elapsed()),
+        }
         files::settle(&out).unwrap();
         let now = tree(&out);
         assert!(whole.contains(&now), "seed {seed}, kill {k} by {signal}: {:?}", now.keys());
