@@ -169,13 +169,9 @@ impl Found {
 }
 
 fn side_unknown(seam: &Seam) -> String {
-    let at = seam.stations.get(seam.stations.len() / 2).map_or(Point3::origin(), |s| s.position_mm);
     format!(
-        "an inside corner of {:.0} mm near {:.0},{:.0},{:.0} is not offered: it is unknown which side of its faces is air; \
-         give the views with their poses, or a cloud with normals",
-        seam.length_mm(),
-        at.x,
-        at.y,
-        at.z
+        "{} is not offered: it is unknown which side of its faces is air; give the views with their poses, or a cloud with \
+         normals",
+        description::inside_corner(seam)
     )
 }

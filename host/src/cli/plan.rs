@@ -280,10 +280,11 @@ fn plan(job: &Job, allow_outside: bool, progress: &mut Progress) -> Result<(Plan
     };
     let scan = input::read(input, &options).map_err(|error| Failure::new(Exit::Input, error))?;
     let findings = verdict::of_scan(&scan, job);
-    let anchor = job.scan.anchor();
-    // Coordinates that are not the robot's have no error in its base frame.
-    let config =
-        pipeline::Config { anchor: (scan.frame == CloudFrame::Base).then_some(anchor), ..job.pipeline() };
+    let mut config = job.pipeline();
+    if scan.frame != CloudFrame::Base {
+        // Coordinates that are not the robot's have no error in its base frame.
+        config.anchor = None;
+    }
     let mut plan = pipeline::plan(&scan.views, &config, progress).map_err(not_planned)?;
     plan.warnings.splice(0..0, scan.warnings);
     let inputs = scan.inputs.iter().map(|path| path.display().to_string()).collect();

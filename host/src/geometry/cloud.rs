@@ -103,6 +103,12 @@ impl Merged {
         }
         merged
     }
+
+    /// Direction from point `k` to the camera that saw it, unit; `None` where the camera is assumed.
+    pub fn toward_camera(&self, k: usize) -> Option<Vector3<f32>> {
+        let camera = self.cameras_mm[usize::from(self.view[k])];
+        (!self.cameras_unknown).then(|| (camera - self.points_mm[k]).normalize())
+    }
 }
 
 /// Where a camera is assumed that nobody told us about.

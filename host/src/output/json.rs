@@ -95,7 +95,7 @@ fn line(waypoint: &Waypoint) -> String {
 }
 
 /// To the nearest multiple of `1 / per_unit`, and never minus zero.
-fn rounded(value: f64, per_unit: f64) -> f64 {
+pub(super) fn rounded(value: f64, per_unit: f64) -> f64 {
     (value * per_unit).round() / per_unit + 0.0
 }
 

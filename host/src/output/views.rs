@@ -5,6 +5,7 @@
 use nalgebra::Isometry3;
 use serde::Serialize;
 
+use super::json::rounded;
 use crate::pipeline::ViewReport;
 
 /// Value of `version`; raised when a reader of the old one would misunderstand the new one.
@@ -73,9 +74,4 @@ pub(super) fn wxyz(pose: &Isometry3<f64>) -> [f64; 4] {
     let q = pose.rotation;
     let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
     [q.w, q.i, q.j, q.k].map(|v| rounded(sign * v, 1e9))
-}
-
-/// To the nearest multiple of `1 / per_unit`, and never minus zero.
-fn rounded(value: f64, per_unit: f64) -> f64 {
-    (value * per_unit).round() / per_unit + 0.0
 }

@@ -109,24 +109,27 @@ pub(super) fn is_sure(scan: &RawScan, seam: &Seam) -> bool {
 
 /// What is said of a seam that is not.
 pub(super) fn left_out(seam: &Seam) -> String {
-    let place = seam.stations.get(seam.stations.len() / 2).map_or(Point3::origin(), |s| s.position_mm);
     if seam.length_mm() < LEAST_LENGTH_MM {
-        return format!(
-            "an inside corner of {:.1} mm near {:.0},{:.0},{:.0} is too short to weld: see that the units are right",
-            seam.length_mm(),
-            place.x,
-            place.y,
-            place.z
-        );
+        return format!("{} is too short to weld: see that the units are right", inside_corner(seam));
     }
     format!(
-        "an inside corner of {:.0} mm near {:.0},{:.0},{:.0} is too uncertain to weld (confidence {:.0} %, torch to {:.0} deg): \
-         scan it again from nearer, or from more sides",
+        "{} is too uncertain to weld (confidence {:.0} %, torch to {:.0} deg): scan it again from nearer, or from more sides",
+        inside_corner(seam),
+        100.0 * seam.confidence,
+        seam.expected_error_deg
+    )
+}
+
+/// What a seam that is not offered is called: its length, and the place of its middle.
+pub(super) fn inside_corner(seam: &Seam) -> String {
+    let place = seam.stations.get(seam.stations.len() / 2).map_or(Point3::origin(), |s| s.position_mm);
+    // A few millimetres are told to a tenth.
+    let decimals = usize::from(seam.length_mm() < LEAST_LENGTH_MM);
+    format!(
+        "an inside corner of {:.decimals$} mm near {:.0},{:.0},{:.0}",
         seam.length_mm(),
         place.x,
         place.y,
-        place.z,
-        100.0 * seam.confidence,
-        seam.expected_error_deg
+        place.z
     )
 }

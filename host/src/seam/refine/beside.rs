@@ -76,8 +76,8 @@ pub fn beside(merged: &Merged, near: &[u32], line: StationLine, reach_mm: f32) -
             let h = frame.faces.map(|normal| offset.dot(&normal));
             let face = usize::from(h[1].abs() < h[0].abs());
             let view = merged.view[k as usize];
-            let ray = || (merged.cameras_mm[usize::from(view)] - p).normalize();
-            let incidence_cos = if merged.cameras_unknown { 1.0 } else { ray().dot(&frame.faces[face]) };
+            let incidence_cos =
+                merged.toward_camera(k as usize).map_or(1.0, |ray| ray.dot(&frame.faces[face]));
             Some(Beside { s, face: face as u8, u: offset.dot(&into[face]), h: h[face], view, incidence_cos })
         })
         .collect()

@@ -70,10 +70,7 @@ pub(super) fn sights(merged: &Merged, seam: &Refined, reach_mm: f32, most: usize
             let p = merged.points_mm[k as usize];
             let (slot, _) = grid.nearest(&p, reach_mm, |_| true)?;
             let Foot { s, offset, frame } = seam.line().foot(&p, grid.index(slot), f32::INFINITY)?;
-            let ray = match merged.cameras_unknown {
-                true => frame.bisector(),
-                false => (merged.cameras_mm[usize::from(merged.view[k as usize])] - p).normalize(),
-            };
+            let ray = merged.toward_camera(k as usize).unwrap_or_else(|| frame.bisector());
             let into = frame.into_faces();
             Some(SightRay {
                 s,
