@@ -15,6 +15,7 @@ use weldpath::lab::evaluation::{
 use weldpath::report;
 use weldpath::run::job::Job;
 use weldpath::run::job::quantity::StandoffMm;
+use weldpath::run::job::scan::AnchorName;
 
 use super::folder::{Folder, FolderArgs, settle};
 use super::{Exit, Failure, print, suite, tell};
@@ -43,6 +44,9 @@ pub(super) struct Args {
     /// Plan every scan, mesh and cloud below this folder instead, and print what is covered and what is false
     #[arg(long, value_name = "DIR", conflicts_with_all = ["dir", "truth", "standoff_mm", "report", "paper"])]
     suite: Option<PathBuf>,
+    /// With --suite: what holds the models in the base frame, as `weldpath plan --anchor`
+    #[arg(long, value_enum, default_value_t, requires = "suite")]
+    anchor: AnchorName,
     /// Make the paper's tables and figures instead, beside its numbers: DIR/paper.html
     #[arg(long, conflicts_with_all = ["dir", "truth", "standoff_mm", "report"])]
     paper: bool,
@@ -111,7 +115,7 @@ struct Fitness {
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     if let Some(folder) = &args.suite {
-        return suite::run(folder, args.json, args.quiet);
+        return suite::run(folder, args.anchor, args.json, args.quiet);
     }
     match (&args.dir, &args.truth) {
         (Some(dir), Some(truth)) if !args.paper => against(args, dir, truth),

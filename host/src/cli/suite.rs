@@ -3,12 +3,14 @@
 use std::fmt::Write;
 use std::path::Path;
 
-use weldpath::lab::suite::{self, PieceScore, Tally};
+use weldpath::lab::suite::{self, PieceScore, StatedSeam, Tally};
+use weldpath::output::verdict::State;
+use weldpath::run::job::scan::AnchorName;
 
 use super::{Exit, Failure, print};
 
 /// Plans all of it; a row is printed as soon as it is measured.
-pub(super) fn run(folder: &Path, json: bool, quiet: bool) -> Result<(), Failure> {
+pub(super) fn run(folder: &Path, anchor: AnchorName, json: bool, quiet: bool) -> Result<(), Failure> {
     let unread = |error| Failure::new(Exit::Input, format!("cannot read {}: {error}", folder.display()));
     let pieces = suite::pieces(folder).map_err(unread)?;
     if pieces.is_empty() {
@@ -20,17 +22,18 @@ pub(super) fn run(folder: &Path, json: bool, quiet: bool) -> Result<(), Failure>
     told(&format!("{:<width$} {HEADING}\n", "piece"))?;
     let mut rows = Vec::with_capacity(pieces.len());
     for piece in &pieces {
-        let row = suite::measure(piece);
+        let row = suite::measure(piece, anchor);
         told(&format!("{:<width$} {}\n", row.name, words(&row)))?;
         rows.push(row);
     }
     told(&format!("{:<width$} {}\n", "mean", mean(&rows)))?;
+    let scores: Vec<StatedSeam> = rows.iter().flat_map(|row| row.scores.iter().copied()).collect();
+    told(&trusted(&scores))?;
     let text = || serde_json::to_string_pretty(&rows).map(|text| text + "\n").unwrap_or_default();
     if json { print(&text()) } else { Ok(()) }
 }
 
-const HEADING: &str =
-    "kind  seams  length mm  weld mm  covered %  false %  error mm  stated mm  torch deg  false conf    s";
+const HEADING: &str = "kind  seams  length mm  weld mm  covered %  false %  error mm  stated mm  torch deg  false conf verdict     s";
 
 fn words(row: &PieceScore) -> String {
     let kind = format!("{:?}", row.kind).to_lowercase();
@@ -41,7 +44,8 @@ fn words(row: &PieceScore) -> String {
         tallied(row.tally.as_ref(), row.stated_mm)
     );
     // Writing to a String cannot fail.
-    let _ = write!(text, " {:>11} {:>4.1}", number(row.confidence), row.plan_s);
+    let verdict = row.verdict.map_or("-", State::name);
+    let _ = write!(text, " {:>11} {verdict:<7} {:>5.1}", number(row.confidence), row.plan_s);
     if let Some(reason) = &row.reason {
         let _ = write!(text, "  {reason}");
     }
@@ -66,6 +70,38 @@ fn tallied(tally: Option<&Tally>, stated_mm: Option<f64>) -> String {
 fn number(value: Option<f64>) -> String {
     value.map_or("-".to_owned(), |value| format!("{value:.2}"))
 }
+
+/// How far confidences can be trusted; nothing without a truth.
+fn trusted(scores: &[StatedSeam]) -> String {
+    let mut text = String::new();
+    for (k, row) in suite::reliability(scores).iter().enumerate() {
+        if k == 0 {
+            text += "\nconfidence  seams  on a weld %  error within twice the stated, too %  stated %\n";
+        }
+        let percent = |part: usize| 100.0 * part as f64 / row.seams as f64;
+        // Writing to a String cannot fail.
+        let _ = writeln!(
+            text,
+            "from {:<6.1} {:>5} {:>12.1} {:>37.1} {:>9.1}",
+            row.least_confidence,
+            row.seams,
+            percent(row.on_weld),
+            percent(row.right),
+            100.0 * row.mean_confidence
+        );
+    }
+    let right: Vec<f64> =
+        scores.iter().filter(|score| score.is_right()).map(|score| score.confidence).collect();
+    if !right.is_empty() {
+        let sure = right.iter().filter(|confidence| **confidence >= SURE).count();
+        let share = 100.0 * sure as f64 / right.len() as f64;
+        let _ = writeln!(text, "of {} right seams {share:.1} % are stated at {SURE} or more", right.len());
+    }
+    text
+}
+
+/// From here on a user takes a seam as found.
+const SURE: f64 = 0.9;
 
 /// Means over the rows that have a truth.
 fn mean(rows: &[PieceScore]) -> String {

@@ -5,15 +5,22 @@
 //! millimetre of weld whether a path is there with its torch on the right side: lists of others have no more to say.
 
 mod pieces;
+mod reliability;
 
 pub use pieces::{Piece, PieceKind, pieces};
+pub use reliability::{Reliability, StatedSeam, reliability};
 
 use crate::geometry::grid::Grid;
-use crate::input;
+use crate::input::{self, CloudFrame};
 use crate::lab::evaluation::{PathSet, Target, Truth};
+use crate::output::summary::Source;
+use crate::output::verdict::{ReasonId, State};
 use crate::pipeline::{self, Plan};
 use crate::run::job::Job;
+use crate::run::job::scan::AnchorName;
 use crate::run::postprocessing::postprocess;
+use crate::run::verdict;
+use crate::seam::Seam;
 use nalgebra::{Point3, Vector3};
 use serde::Serialize;
 use std::path::Path;
@@ -23,6 +30,8 @@ use std::time::Instant;
 /// torch is in this corner and not in the one behind the rib.
 const COVER_MM: f64 = 2.0;
 const TORCH_DEG: f64 = 50.0;
+/// A path runs along a weld whose direction is within 45 degrees of its own.
+const ALONG_COS: f64 = std::f64::consts::FRAC_1_SQRT_2;
 /// A path point farther than this from every weld is false, mm.
 const FALSE_MM: f64 = 5.0;
 
@@ -58,16 +67,20 @@ pub struct PieceScore {
     pub stated_mm: Option<f64>,
     /// Highest confidence of a seam that is false over half its length, or, without truth, of any.
     pub confidence: Option<f64>,
+    /// The verdict of a run whose tool is stated; none without a plan.
+    pub verdict: Option<State>,
+    /// Each seam that is offered; empty without truth.
+    pub scores: Vec<StatedSeam>,
     /// Wall time of reading and planning, seconds.
     pub plan_s: f64,
     /// Why there is no seam, or no plan.
     pub reason: Option<String>,
 }
 
-/// Plans a piece with default options and sets it against its truth.
-pub fn measure(piece: &Piece) -> PieceScore {
+/// Plans a piece, its model held in the base frame by `anchor`, all else by default, and sets it against its truth.
+pub fn measure(piece: &Piece, anchor: AnchorName) -> PieceScore {
     let begin = Instant::now();
-    let planned = planned(&piece.input);
+    let planned = planned(&piece.input, anchor);
     let plan_s = begin.elapsed().as_secs_f64();
     let nothing = PieceScore {
         name: piece.name.clone(),
@@ -77,11 +90,13 @@ pub fn measure(piece: &Piece) -> PieceScore {
         tally: None,
         stated_mm: None,
         confidence: None,
+        verdict: None,
+        scores: Vec::new(),
         plan_s,
         reason: None,
     };
     match (planned, piece.truth()) {
-        (Ok((plan, paths)), Ok(truth)) => of_plan(&plan, &paths, truth.as_ref(), nothing),
+        (Ok(planned), Ok(truth)) => of_plan(&planned, truth.as_ref(), nothing),
         (Err(reason), Ok(truth)) => {
             let tally = truth.map(|truth| tally(&PathSet::default(), &truth));
             PieceScore { tally, reason: Some(reason), ..nothing }
@@ -90,32 +105,59 @@ pub fn measure(piece: &Piece) -> PieceScore {
     }
 }
 
-/// The plan, and the paths as they stand in path.csv.
-fn planned(input: &Path) -> Result<(Plan, PathSet), String> {
-    let scan = input::read(input, &input::Options::default()).map_err(|error| error.to_string())?;
-    let job = Job::default();
-    let plan = pipeline::plan(&scan.views, &job.pipeline(), &mut ()).map_err(|error| error.to_string())?;
-    let output = postprocess(&plan, &job, Default::default()).map_err(|error| error.to_string())?;
-    let csv = output.files.iter().find(|file| file.name == "path.csv").ok_or("no path.csv")?;
-    let paths = PathSet::parse(&csv.bytes, Path::new("path.csv")).map_err(|error| error.to_string())?;
-    Ok((plan, paths))
+/// A plan, the paths as they stand in its path.csv, and its verdict.
+struct Planned {
+    plan: Plan,
+    paths: PathSet,
+    verdict: State,
 }
 
-fn of_plan(plan: &Plan, paths: &PathSet, truth: Option<&Truth>, row: PieceScore) -> PieceScore {
+fn planned(input: &Path, anchor: AnchorName) -> Result<Planned, String> {
+    let scan = input::read(input, &input::Options::default()).map_err(|error| error.to_string())?;
+    let mut job = Job { accept: vec![ReasonId::ToolNotStated], ..Job::default() };
+    job.scan.anchor = anchor;
+    let mut config = job.pipeline();
+    if scan.frame != CloudFrame::Base {
+        config.anchor = None;
+    }
+    let plan = pipeline::plan(&scan.views, &config, &mut ()).map_err(|error| error.to_string())?;
+    let source = Source { findings: verdict::of_scan(&scan, &job), ..Source::default() };
+    let output = postprocess(&plan, &job, source).map_err(|error| error.to_string())?;
+    let csv = output.files.iter().find(|file| file.name == "path.csv").ok_or("no path.csv")?;
+    let paths = PathSet::parse(&csv.bytes, Path::new("path.csv")).map_err(|error| error.to_string())?;
+    Ok(Planned { plan, paths, verdict: output.summary.verdict().state })
+}
+
+/// The error that is stated of a seam in the frame in which the truth is given, mm: the base frame's if there is one.
+fn stated_mm(seam: &Seam) -> f64 {
+    if seam.base_error_mm.is_finite() { seam.base_error_mm } else { seam.expected_error_mm }
+}
+
+fn of_plan(planned: &Planned, truth: Option<&Truth>, row: PieceScore) -> PieceScore {
+    let Planned { plan, paths, verdict } = planned;
     let length_mm: f64 = plan.seams.iter().map(|seam| seam.length_mm()).sum();
-    let squares: f64 = plan.seams.iter().map(|s| s.expected_error_mm.powi(2) * s.length_mm()).sum();
-    let is_false = |seam: &&crate::seam::Seam| {
-        let Some(truth) = truth else { return true };
-        let own = paths.of_seam(&seam.id.to_string());
-        tally(&own, truth).false_share > 0.5
+    let squares: f64 = plan.seams.iter().map(|seam| stated_mm(seam).powi(2) * seam.length_mm()).sum();
+    let own = |seam: &Seam| paths.of_seam(&seam.id.to_string());
+    let scored = |truth: &Truth| {
+        // What is not welded is offered to nobody.
+        let offered = plan.seams.iter().filter(|seam| !own(seam).points_mm.is_empty());
+        let stated = |seam: &Seam| {
+            let Tally { false_share, across_mm, .. } = tally(&own(seam), truth);
+            StatedSeam::new(seam.confidence, stated_mm(seam), false_share, across_mm)
+        };
+        offered.map(stated).collect()
     };
-    let most = plan.seams.iter().filter(is_false).map(|seam| seam.confidence).max_by(f64::total_cmp);
+    let scores: Vec<StatedSeam> = truth.map(scored).unwrap_or_default();
+    let of_false = scores.iter().filter(|score| !score.on_weld).map(|score| score.confidence);
+    let of_any = plan.seams.iter().filter(|_| truth.is_none()).map(|seam| seam.confidence);
     PieceScore {
         seams: plan.seams.len(),
         length_mm,
         tally: truth.map(|truth| tally(paths, truth)),
         stated_mm: (length_mm > 0.0).then(|| (squares / length_mm).sqrt()),
-        confidence: most,
+        confidence: of_false.chain(of_any).max_by(f64::total_cmp),
+        verdict: Some(*verdict),
+        scores,
         ..row
     }
 }
@@ -144,12 +186,15 @@ pub fn tally(paths: &PathSet, truth: &Truth) -> Tally {
     let welds = Nearest::new(&line);
     let nearest: Vec<Option<(usize, f64)>> = paths.points_mm.iter().map(|p| welds.to(p)).collect();
     let is_false = |near: &&Option<(usize, f64)>| near.is_none_or(|(_, mm)| mm >= FALSE_MM);
-    let across = |(p, near): (&Vector3<f64>, &Option<(usize, f64)>)| {
-        let (i, _) = (*near).filter(|(_, mm)| *mm < COVER_MM)?;
+    let across = |(k, p): (usize, &Vector3<f64>)| {
+        let travel = paths.frames.as_ref().map(|frames| frames[k].column(1).into_owned());
+        // Where welds meet in a corner, the one along which the path runs.
+        let along = |i: usize| travel.is_none_or(|travel| travel.dot(&places[i].tangent).abs() > ALONG_COS);
+        let (i, _) = welds.to_such(p, along).filter(|(_, mm)| *mm < COVER_MM)?;
         let off = p - places[i].at;
         Some((off - places[i].tangent * off.dot(&places[i].tangent)).norm_squared())
     };
-    let squares: Vec<f64> = paths.points_mm.iter().zip(&nearest).filter_map(across).collect();
+    let squares: Vec<f64> = paths.points_mm.iter().enumerate().filter_map(across).collect();
     let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
     let share = |part: usize, of: usize| if of == 0 { 0.0 } else { part as f64 / of as f64 };
     Tally {
@@ -184,11 +229,16 @@ impl<'a> Nearest<'a> {
     }
 
     fn to(&self, place: &Vector3<f64>) -> Option<(usize, f64)> {
+        self.to_such(place, |_| true)
+    }
+
+    /// The nearest of those that are such.
+    fn to_such(&self, place: &Vector3<f64>, such: impl Fn(usize) -> bool) -> Option<(usize, f64)> {
         let mut best: Option<(usize, f64)> = None;
         self.grid.within(&Point3::from(place.cast::<f32>()), FALSE_MM as f32 + 0.1, |slot, _| {
             let i = self.grid.index(slot);
             let distance_mm = (self.points[i] - place).norm();
-            if best.is_none_or(|(k, mm)| distance_mm < mm || (distance_mm == mm && i < k)) {
+            if such(i) && best.is_none_or(|(k, mm)| distance_mm < mm || (distance_mm == mm && i < k)) {
                 best = Some((i, distance_mm));
             }
         });
@@ -244,6 +294,20 @@ mod tests {
         assert_eq!(tally(&path(0.0, 100.0, 0.0, 60.0), &truth()).covered, 0.0);
         assert_eq!(tally(&path(0.0, 100.0, 0.0, 40.0), &truth()).covered, 1.0);
         assert_eq!(tally(&path(0.0, 100.0, 2.5, 0.0), &truth()).covered, 0.0);
+    }
+
+    /// Another along y begins where the first does: at that corner its points are the nearer ones.
+    #[test]
+    fn in_a_corner_a_path_is_measured_across_the_weld_that_it_follows() {
+        let mut truth = truth();
+        let aside = TruthSeam {
+            p: (0..100).map(|k| [0.0, k as f64 - 50.0, 0.0]).collect(),
+            t: vec![[0.0, 1.0, 0.0]; 100],
+            ..truth.seams[0].clone()
+        };
+        truth.seams.push(aside);
+        let across_mm = tally(&path(1.0, 50.0, 0.1, 0.0), &truth).across_mm.unwrap();
+        assert!((across_mm - 0.1).abs() < 1e-6, "{across_mm}");
     }
 
     #[test]
