@@ -95,6 +95,9 @@ pub struct Seam {
     pub expected_error_mm: f64,
     /// Expected RMSE of the torch orientation, degrees.
     pub expected_error_deg: f64,
+    /// Expected RMSE across the seam relative to the views that saw it, mm: how well it is known on the part, wherever the part
+    /// may be.
+    pub relative_error_mm: f64,
     /// One standard deviation of the position across the seam in the robot's base frame, both axes together, mm: the error
     /// within the scan, and that of the frame. Not a number where nothing is known of the frame.
     pub base_error_mm: f64,
@@ -114,6 +117,19 @@ impl Seam {
             (true, Some(first), Some(last)) => open + (first.position_mm - last.position_mm).norm(),
             _ => open,
         }
+    }
+
+    /// What one that is not offered is called: its length, of less than 10 mm to a tenth, and the place of its middle.
+    fn as_inside_corner(&self) -> String {
+        let place = self.stations.get(self.stations.len() / 2).map_or(Point3::origin(), |s| s.position_mm);
+        let decimals = usize::from(self.length_mm() < 10.0);
+        format!(
+            "an inside corner of {:.decimals$} mm near {:.0},{:.0},{:.0}",
+            self.length_mm(),
+            place.x,
+            place.y,
+            place.z
+        )
     }
 }
 
@@ -172,6 +188,6 @@ fn side_unknown(seam: &Seam) -> String {
     format!(
         "{} is not offered: it is unknown which side of its faces is air; give the views with their poses, or a cloud with \
          normals",
-        description::inside_corner(seam)
+        seam.as_inside_corner()
     )
 }

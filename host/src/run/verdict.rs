@@ -157,10 +157,14 @@ fn limit_mm(seam: &Seam) -> f64 {
 }
 
 fn of_seams(plan: &Plan) -> Vec<Finding> {
-    let over = |seam: &&Seam| seam.expected_error_mm.is_nan() || seam.expected_error_mm > limit_mm(seam);
+    let over = |seam: &&Seam| seam.relative_error_mm.is_nan() || seam.relative_error_mm > limit_mm(seam);
     let uncertain: Vec<&Seam> = plan.seams.iter().filter(over).collect();
     let words = |seam: &Seam| {
-        format!("its expected error of {:.2} mm is over {:.2} mm", seam.expected_error_mm, limit_mm(seam))
+        format!(
+            "its expected error within the scan of {:.2} mm is over {:.2} mm",
+            seam.relative_error_mm,
+            limit_mm(seam)
+        )
     };
     let mut found = Vec::new();
     if !uncertain.is_empty() && uncertain.len() == plan.seams.len() {

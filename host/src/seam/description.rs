@@ -6,7 +6,6 @@ use super::refine::Refined;
 use super::refine::expected::Expected;
 use super::trace::Chain;
 use super::{Joint, Seam, Station};
-use nalgebra::Point3;
 
 /// Error from the registration, in standard deviations of the points' noise, above which a seam carries a warning. Chosen
 /// on the simulated scans.
@@ -57,6 +56,7 @@ pub(super) fn described(
         confidence: confidence(chain, seam),
         expected_error_mm: expected.position_mm,
         expected_error_deg: expected.orientation_rad.to_degrees(),
+        relative_error_mm: expected.relative_mm,
         base_error_mm: expected.base_mm,
         base_error_deg: expected.base_rad.to_degrees(),
         dimensions,
@@ -110,26 +110,12 @@ pub(super) fn is_sure(scan: &RawScan, seam: &Seam) -> bool {
 /// What is said of a seam that is not.
 pub(super) fn left_out(seam: &Seam) -> String {
     if seam.length_mm() < LEAST_LENGTH_MM {
-        return format!("{} is too short to weld: see that the units are right", inside_corner(seam));
+        return format!("{} is too short to weld: see that the units are right", seam.as_inside_corner());
     }
     format!(
         "{} is too uncertain to weld (confidence {:.0} %, torch to {:.0} deg): scan it again from nearer, or from more sides",
-        inside_corner(seam),
+        seam.as_inside_corner(),
         100.0 * seam.confidence,
         seam.expected_error_deg
-    )
-}
-
-/// What a seam that is not offered is called: its length, and the place of its middle.
-pub(super) fn inside_corner(seam: &Seam) -> String {
-    let place = seam.stations.get(seam.stations.len() / 2).map_or(Point3::origin(), |s| s.position_mm);
-    // A few millimetres are told to a tenth.
-    let decimals = usize::from(seam.length_mm() < LEAST_LENGTH_MM);
-    format!(
-        "an inside corner of {:.decimals$} mm near {:.0},{:.0},{:.0}",
-        seam.length_mm(),
-        place.x,
-        place.y,
-        place.z
     )
 }

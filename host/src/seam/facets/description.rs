@@ -43,6 +43,7 @@ pub(super) fn seam(mesh: &Mesh, strand: &Strand, base_from_mesh: &Isometry3<f64>
         closed: strand.closed,
         confidence: 1.0 - BLOCKED * blocked,
         expected_error_mm: position_mm,
+        relative_error_mm: position_mm,
         expected_error_deg: orientation_deg,
         base_error_mm: f64::NAN,
         base_error_deg: f64::NAN,

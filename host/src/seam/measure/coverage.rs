@@ -356,6 +356,7 @@ mod tests {
             closed: false,
             confidence: 1.0,
             expected_error_mm: 0.1,
+            relative_error_mm: 0.1,
             base_error_mm: f64::NAN,
             base_error_deg: f64::NAN,
             expected_error_deg: 0.1,
