@@ -45,7 +45,12 @@ fn words(row: &PieceScore) -> String {
     );
     // Writing to a String cannot fail.
     let verdict = row.verdict.map_or("-", State::name);
-    let _ = write!(text, " {:>11} {verdict:<7} {:>5.1}", number(row.confidence), row.plan_s);
+    // Without a truth nobody has said that the surest seam is false.
+    let sure = match (row.confidence, &row.tally) {
+        (Some(sure), None) => format!("({sure:.2})"),
+        (sure, _) => number(sure),
+    };
+    let _ = write!(text, " {sure:>11} {verdict:<7} {:>5.1}", row.plan_s);
     if let Some(reason) = &row.reason {
         let _ = write!(text, "  {reason}");
     }
