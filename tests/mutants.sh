@@ -24,7 +24,7 @@ fresh_copy() {
     cp "$root/docs/protocol.md" "$copy/work/docs/"
     cp -r "$root/tests/src" "$root/tests/golden" "$copy/work/tests/"
     cp "$root"/tests/tests/link_*.rs "$copy/work/tests/tests/"
-    sed -i -E '/^pub mod /{/ (adversary|bench|world);/!d}' "$copy/work/tests/src/lib.rs"
+    sed -i -E '/^pub mod /{/ (adversary|arm|bench|world);/!d}' "$copy/work/tests/src/lib.rs"
     sed 's/members = .*/members = ["core", "tests"]/; /^weldpath = /d' "$root/Cargo.toml" > "$copy/work/Cargo.toml"
     sed -E '/^weldpath(-fuzz)?( =|\.)/d' "$root/tests/Cargo.toml" > "$copy/work/tests/Cargo.toml"
 }
@@ -81,11 +81,11 @@ mutant trailing-bytes-accepted link_directed nonsense wire/frame.rs \
 mutant session-check-removed link_directed session pendant.rs \
     's/is_none_or\(\|session\| session.id != frame.session\)/is_none()/'
 mutant second-host-accepted link_directed second_host pendant.rs \
-    's/\(!same \&\& \(alive \|\| !self.stands\(\)\)\)/(!same \&\& alive \&\& !self.is_heard())/'
+    's/let busy = !same \&\& \(alive \|\| !self.stands\(\)\)/let busy = !same \&\& alive \&\& !self.is_heard()/'
 mutant hello-counts-as-life link_directed storm pendant.rs \
-    's/^( *)if let Some\(why\) = self.refuse_hello\(hello\) \{/\1self.silent_ticks = 0;\n&/'
+    's/^( *)if let Some\(why\) = self.refuse_hello\(hello\) \{/\1self.life.echo = self.ticks;\n&/'
 mutant watchdog-removed link_timing in_time pendant.rs \
-    's/self.session.is_some\(\) \&\& self.silent_ticks <= .*/self.session.is_some()/'
+    's/self.session.is_some\(\) \&\& self.ticks.wrapping_sub\(self.life.echo\) <= .*/self.session.is_some()/'
 mutant manual-limit-removed link_directed manual pendant.rs 's/if panel.manual \{/if panel.manual \&\& feed_free() {/; $a fn feed_free() -> bool { false }'
 mutant requests-executed-again link_directed executed_once pendant/command.rs \
     's/if request == self.requests.last \{/if request == self.requests.last \&\& self.requests.reply.is_none() {/; s/if request != self.requests.last.wrapping_add\(1\) \{/if request < self.requests.last {/'
@@ -102,15 +102,49 @@ mutant limits-of-waypoints-unseen link_directed invalid_waypoint pendant/ring.rs
 mutant planned-past-what-came core last_waypoint_received pendant/ring.rs 's/\(0.0, last.approach_um\)/(1.0e12, last.approach_um)/'
 mutant starvation-unseen link_directed underrun pendant/drive.rs 's/<= stop_um$/<= -1.0/'
 mutant braking-too-late link_faults clean pendant/drive.rs 's/\(root - change\).max\(0.0\)/root/'
-mutant arm-survives-hold link_model table interlock.rs '/fn hold\(/,/^    }/s/self.armed = false;//'
+mutant arm-survives-hold link_model table interlock.rs '/fn regrip\(/,/^    }/s/self.armed = false;//'
 mutant arc-survives-hold link_timing in_time interlock.rs \
     's/let power = self.state == State::Running \&\& self.armed/let power = self.state != State::Fault/; s/self.arc.cut\(\);//; s/self.arc.rest\(\&self.times\);//'
-mutant released-first-removed link_directed switch interlock.rs 's/\} else if self.released \&\& !inputs.e_stop \{/} else if !inputs.e_stop {/'
+mutant released-first-removed link_directed switch interlock.rs 's/\} else if self.released \&\& healthy \{/} else if healthy {/'
 mutant e-stop-not-latched link_model table interlock.rs 's/\} else if reset \&\& self.state/} else if self.state/'
-mutant e-stop-reset-by-host link_directed e_stop interlock.rs '/State::Fault if self.fault == Some\(Fault::EStop\) => Err/d'
+mutant e-stop-reset-by-host link_directed e_stop interlock.rs '/State::Fault if self.fault.is_some_and\(Fault::is_local\) => Err/d'
 mutant motion-before-the-arc link_model table interlock.rs 's/^( *)_ => Motion::Halt,/\1State::Running => Motion::Run,\n&/'
-mutant resume-without-standstill link_model table interlock.rs 's/^( *)\(State::Held, _\) => self.go\(\),/\1(State::Held | State::Holding, _) => self.go(),/'
+mutant resume-without-standstill link_model table interlock.rs 's/^( *)\(State::Held, _\) => self.go\(inputs\),/\1(State::Held | State::Holding, _) => self.go(inputs),/'
 mutant no-resend link_faults dropped_frames sender/upload.rs 's/overtaken \|\| age_us >= .*/overtaken \&\& age_us == 0/'
+
+# Findings on commit c4d8c9f, part 6, by number: each rule taken out again.
+mutant f1-set-points-stay-here link_port every_set_point pendant/robot.rs 's/let torch = set_point.map\(\|at\| at.pose\).or\(self.jogged\(\)\)/let torch = set_point.map(|at| at.pose).filter(|_| false).or(self.jogged())/'
+mutant f2-start-anywhere link_rules elsewhere pendant/place.rs 's/if distance_um <= self.limits.near_um \&\&/if distance_um < u32::MAX \&\&/'
+mutant f2-pose-known-at-power-on link_rules after_power_on pendant.rs 's/^            known: false,/            known: true,/'
+mutant f2-pose-known-after-e-stop link_rules e_stop_makes pendant/place.rs 's/^( *)self.known = false;/\1self.known = true;/'
+mutant f2-switch-not-gripped-anew link_rules gripped_anew interlock.rs '/fn regrip\(/,/^    }/s/self.enabled = false;//'
+mutant f3-attach-to-a-live-host link_rules goes_on pendant.rs 's/if self.is_heard\(\) \|\| !self.stands\(\) \{/if self.is_heard() \&\& !self.stands() \&\& attach.path == u16::MAX {/'
+mutant f3-attach-to-another-path link_rules goes_on pendant.rs 's/self.path\(\) == Some\(attach.path\)/self.path().is_some()/'
+mutant f3-attach-keeps-the-grip link_rules goes_on interlock.rs '/fn attach\(/,/^    }/s/self.regrip\(\);//'
+mutant f4-hands-while-disabled link_rules hands_move pendant/jog.rs 's/State::Disabled => Err\(Refusal::NotEnabled\)/State::Disabled => Ok(())/'
+mutant f4-hands-in-automatic link_rules hands_move pendant/jog.rs 's/State::Idle if !self.panel.manual =>/State::Idle if self.panel.e_stop =>/'
+mutant f4-the-sensors-own-clock link_rules clock_bounds tasks.rs 's/let time_us = u64::from\(time_ms\) \* 1000;/let time_us = u64::from(hands.time_ms) * 1000;/'
+mutant f4-confidence-unread link_rules not_sure tasks.rs 's/hand.confidence_permille >= self.limits.confidence_permille/hand.confidence_permille <= u16::MAX/'
+mutant f4-no-workspace link_rules workspace tasks.rs 's/position_mm: self.inside\(\&jog.target.position_mm\)/position_mm: jog.target.position_mm/'
+mutant f4-target-kept-at-disable link_rules target_is_dropped pendant/jog.rs 's/^( *)self.jogging = Jogging::default\(\);/\1let _ = Jogging::default();/'
+mutant f5-repeated-ping-counts link_rules repetition pendant.rs 's/if ahead \&\& fresh \{/if fresh {/; s/let fresh = age <= self.silence_ticks\(\) \&\& age <= .*/let fresh = true;/; s/echo: ping.echo \};/echo: self.ticks };/'
+mutant f5-time-from-the-arrival link_rules delay pendant.rs 's/self.life = Life \{ count: ping.count, echo: ping.echo \};/self.life = Life { count: ping.count, echo: self.ticks };/'
+mutant f5-every-frame-is-life link_rules masquerade pendant.rs 's/^( *)HostMessage::Control \{ request, command \} => self.control/\1HostMessage::Control { request, command } if { self.life.echo = self.ticks; true } => self.control/; s/^( *)HostMessage::FaultSeen \{ number \} => \{/\1HostMessage::Control { .. } => Action::Idle,\n&/'
+mutant f6-turns-unbounded link_rules turns_faster pendant/ring.rs 's/let fastest_um_s = if turn_rad > 0.0 \{/let fastest_um_s = if turn_rad > 100.0 {/'
+mutant f6-manual-at-250 link_rules manual_mode pendant.rs 's/const MANUAL_DEFAULT_UM_S: u32 = 25_000;/const MANUAL_DEFAULT_UM_S: u32 = 250_000;/'
+mutant f6-welded-slower link_rules manual_mode pendant/command.rs 's/let bound = self.panel.manual \&\& self.interlock.is_armed\(\);/let bound = self.panel.manual \&\& self.panel.e_stop;/; s/Refused::TooFast => .*/Refused::TooFast => Refusal::Moving,/'
+mutant f6-key-turned-unnoticed link_rules turning_the_key interlock.rs 's/^( *)if turned \{/\1if turned \&\& self.state == State::Fault {/'
+mutant f7-slow-stop-at-disable link_rules released_switch interlock.rs 's/State::Holding if !inputs.enable \|\| self.cause == Some\(Cause::EnableLost\)/State::Holding if inputs.e_stop/'
+mutant f8-one-contact-enables core only_both interlock/channels.rs 's/both: a \&\& b/both: a || b/'
+mutant f8-stuck-pin-holds-the-pump core stands_still interlock/channels.rs 's/self.charge.saturating_sub\(1\)/self.charge/'
+mutant f9-times-not-the-paths link_rules own_gas_time pendant/command.rs 's/^( *)self.interlock = self.interlock.timed\(times\);/\1let _ = times;/'
+mutant f9-stray-current-unnoticed link_rules current_that_flows interlock.rs 's/^( *)self.watch_current\(inputs\);/\1let _ = inputs;/'
+mutant f9-short-crater-is-finished link_rules crater interlock.rs 's/self.cut_short \|= .*/self.cut_short \&= true;/'
+mutant f9-armed-across-a-release link_rules arming_in_held interlock.rs '/if !inputs.enable \{/,/enable_lost/s/self.armed = false;//; /fn regrip\(/,/^    }/s/self.armed = false;//'
+mutant f9-jog-unbounded link_rules workspace pendant/command.rs 's/if !fits \{/if !fits \&\& near(\&0) == false {/'
+mutant port-silent-robot-starts link_port starts_nothing pendant/place.rs 's/is_some_and\(\|robot\| !robot.is_ready\(\)\)/is_some_and(|robot| robot.is_ready() \&\& false)/'
+mutant port-late-robot-runs link_port late pendant/robot.rs 's/age\(answered\) < self.config.late_ticks/age(answered) < u16::MAX/'
+mutant port-off-robot-runs link_port is_off pendant/robot.rs 's/Drives::Following => off.then_some\(Cause::RobotOff\)/Drives::Following => (off \&\& false).then_some(Cause::RobotOff)/'
 
 if [ -n "$check" ] && [ "$failures" -eq 0 ]; then echo "every mutant applies" && exit; fi
 [ "$failures" -eq 0 ] && echo "every mutant turns a test red" || { echo "$failures mutants do not"; exit 1; }

@@ -105,6 +105,11 @@ impl Steering {
         Self { config, region: Region::Home, clutched: false, previous_us: None }
     }
 
+    /// As if no hand had been seen yet.
+    pub fn forget(&mut self) {
+        *self = Self::new(self.config);
+    }
+
     /// Alg. 1 for one frame: the camera's next pose from its current one. No hand: the camera stays.
     ///
     /// The first frame of a hand, and the first after a gap, only say where the hand is.

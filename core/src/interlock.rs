@@ -5,9 +5,11 @@
 //! messages; a message may stop and never enable.
 //!
 //! Held by the model test: arc power only in Running, armed, enabled, without E-stop, on a welded segment; faults
-//! latch; only Start and Resume lead to Running; hold always drops and disarms the arc; every moving state stops.
+//! latch; only Start and Resume lead to Running; hold always drops and disarms the arc; every moving state stops. The
+//! enabling switch has to be let go and gripped anew after a new session, Begin, a re-attached host and every hold.
 
 mod arc;
+pub mod channels;
 
 use serde::{Deserialize, Serialize};
 
@@ -56,12 +58,22 @@ pub enum Cause {
     ArcLost,
     /// A fault follows at standstill.
     Fault,
+    /// The key switch was turned.
+    Key,
+    /// The segment ahead is to be welded faster than manual mode allows.
+    ManualFeed,
+    /// The robot's frames are late.
+    RobotSilent,
+    /// The robot is not where it has to be.
+    RobotOff,
+    /// The robot's drives do not follow.
+    RobotDrives,
 }
 
 impl Cause {
     /// Whether Resume may follow.
     pub const fn is_resumable(self) -> bool {
-        matches!(self, Self::Hold | Self::EnableLost | Self::Silence | Self::Underrun)
+        !matches!(self, Self::Stop | Self::StrikeTimeout | Self::ArcLost | Self::Fault)
     }
 }
 
@@ -77,6 +89,19 @@ pub enum Fault {
     Waypoint,
     /// The digest of the path was not the host's.
     Digest,
+    /// Current flows although the arc is off.
+    Current,
+    /// The two channels of E-stop or enabling switch contradict each other.
+    Channels,
+    /// An output does not do what it is told.
+    Readback,
+}
+
+impl Fault {
+    /// Whether only the reset button at the pendant clears it.
+    pub const fn is_local(self) -> bool {
+        matches!(self, Self::EStop | Self::Current | Self::Channels | Self::Readback)
+    }
 }
 
 /// Levels, read with every event.
@@ -100,6 +125,14 @@ pub struct Inputs {
     pub path_end: bool,
     /// A streamed path has filled half of the ring.
     pub prefilled: bool,
+    /// The key switch is in manual.
+    pub manual: bool,
+    /// The segment under the torch is to be welded faster than manual mode allows, and the key is in manual.
+    pub too_fast: bool,
+    /// A Resume goes back first, so that a crater that was cut short is welded over.
+    pub rewelds: bool,
+    /// What the board found broken.
+    pub defect: Option<Fault>,
 }
 
 /// What happened.
@@ -111,6 +144,10 @@ pub enum Event {
     LinkSilent,
     /// Another session was opened.
     NewSession,
+    /// A host that was lost is back and goes on with its path.
+    Attach,
+    /// The robot does not follow.
+    Robot(Cause),
     /// A path is to be opened.
     Begin,
     /// All waypoints are there and the digest matches.
@@ -175,6 +212,8 @@ pub enum Refused {
     EStop,
     /// Not from this hold.
     NotResumable(Cause),
+    /// The segment under the torch is to be welded faster than manual mode allows.
+    TooFast,
 }
 
 /// The whole state of the interlock. A new one is Disabled, and wants to see the switch released.
@@ -189,6 +228,9 @@ pub struct Interlock {
     cause: Option<Cause>,
     fault: Option<Fault>,
     arc: Arc,
+    manual: bool,
+    stray: u16,
+    cut_short: bool,
 }
 
 impl Interlock {
@@ -204,10 +246,21 @@ impl Interlock {
             cause: None,
             fault: None,
             arc: Arc::default(),
+            manual: true,
+            stray: 0,
+            cut_short: false,
         }
     }
 
+    /// The same with other times of the arc sequence: those of the path that was just opened.
+    pub fn timed(self, times: ArcTimes) -> Self {
+        Self { times, ..self }
+    }
+
     /// The function: reads the levels, applies the event, and says what follows and whether the event was accepted.
+    ///
+    /// Not inlined: it is asked from several places, and its code is large.
+    #[inline(never)]
     pub fn step(mut self, event: Event, inputs: &Inputs) -> (Self, Outputs, Result<(), Refused>) {
         self.read_levels(inputs);
         let verdict = self.apply(event, inputs);
@@ -244,6 +297,11 @@ impl Interlock {
         self.armed
     }
 
+    /// Whether a crater was cut short that was not welded over since.
+    pub fn is_cut_short(&self) -> bool {
+        self.cut_short
+    }
+
     /// Arc power, in one expression: everything that has to be true is written here.
     pub fn outputs(&self, inputs: &Inputs) -> Outputs {
         let safe = self.enabled && inputs.enable && !inputs.e_stop;
@@ -259,6 +317,9 @@ impl Interlock {
     fn motion(&self, inputs: &Inputs) -> Motion {
         match self.state {
             State::Fault => Motion::EmergencyStop,
+            State::Holding if !inputs.enable || self.cause == Some(Cause::EnableLost) => {
+                Motion::EmergencyStop
+            }
             State::Running if self.arc.phase == ArcPhase::On => Motion::Run,
             State::Running if self.arc.phase == ArcPhase::Off && inputs.run_end => Motion::Pass,
             State::Running if self.arc.phase == ArcPhase::Off && !(inputs.weld && self.armed) => Motion::Run,
@@ -269,27 +330,48 @@ impl Interlock {
     fn read_levels(&mut self, inputs: &Inputs) {
         let reset = inputs.local_reset && !self.reset_pressed;
         self.reset_pressed = inputs.local_reset;
+        let turned = inputs.manual != self.manual;
+        self.manual = inputs.manual;
         if inputs.e_stop {
-            self.emergency_stop();
+            self.emergency_stop(Fault::EStop);
+        } else if let Some(defect) = inputs.defect {
+            self.emergency_stop(defect);
         } else if reset && self.state == State::Fault && !inputs.moving {
             self.rest();
         }
+        if turned {
+            self.hold_if_running(Cause::Key);
+        }
+        let healthy = !inputs.e_stop && inputs.defect.is_none();
         if !inputs.enable {
             self.released = true;
             self.enabled = false;
+            self.armed = false;
             self.enable_lost();
-        } else if self.released && !inputs.e_stop {
+        } else if self.released && healthy {
             self.released = false;
             self.enabled = true;
             self.enable_edge();
         }
     }
 
-    fn emergency_stop(&mut self) {
-        self.latch(Fault::EStop);
+    /// A pressed E-stop stays the fault that is told, whatever breaks besides.
+    fn emergency_stop(&mut self, fault: Fault) {
+        let told =
+            if self.state == State::Fault && self.fault == Some(Fault::EStop) { Fault::EStop } else { fault };
+        self.latch(told);
+        self.regrip();
+        self.arc = Arc::default();
+    }
+
+    /// The enabling switch counts only after it was let go and gripped anew.
+    fn regrip(&mut self) {
         self.enabled = false;
         self.released = false;
-        self.arc = Arc::default();
+        self.armed = false;
+        if self.state == State::Idle {
+            self.state = State::Disabled;
+        }
     }
 
     fn enable_lost(&mut self) {
@@ -314,12 +396,14 @@ impl Interlock {
             Event::Hold => self.hold_if_running(Cause::Hold),
             Event::Stop => self.hold_if_running(Cause::Stop),
             Event::NewSession => self.new_session(inputs),
+            Event::Attach => return self.attach(),
+            Event::Robot(cause) => self.hold_if_running(cause),
             Event::BadWaypoint => self.bad_path(Fault::Waypoint),
             Event::BadDigest => self.bad_path(Fault::Digest),
             Event::Begin => return self.begin(),
             Event::Committed => self.commit(),
             Event::Start => return self.start(inputs),
-            Event::Resume => return self.resume(),
+            Event::Resume => return self.resume(inputs),
             Event::Arm(armed) => return self.arm(armed),
             Event::Reset => return self.reset(inputs),
             Event::Abort => return self.abort(),
@@ -333,13 +417,33 @@ impl Interlock {
             State::Holding if !inputs.moving => self.stand(inputs),
             _ => {}
         }
-        if self.state != State::Running && self.fault != Some(Fault::EStop) {
+        if self.state != State::Running && !self.fault.is_some_and(Fault::is_local) {
             self.arc.rest(&self.times);
+        }
+        self.watch_current(inputs);
+    }
+
+    /// Current that flows for longer than a source needs to switch off, while nothing asks for it, is a fault.
+    fn watch_current(&mut self, inputs: &Inputs) {
+        let asked = self.state == State::Running && self.arc.phase.wants_power();
+        self.stray = if inputs.established && !asked { self.stray.saturating_add(1) } else { 0 };
+        if self.stray <= self.times.current_off() {
+            return;
+        }
+        self.stray = 0;
+        match self.state {
+            State::Running | State::Holding => self.fault_at_standstill(Fault::Current),
+            State::Fault => {}
+            _ => self.latch(Fault::Current),
         }
     }
 
     fn run(&mut self, inputs: &Inputs) {
         let wanted = inputs.weld && self.armed;
+        if wanted && inputs.too_fast && !inputs.run_end {
+            self.hold(Cause::ManualFeed);
+            return;
+        }
         match self.arc.run(&self.times, wanted, inputs.run_end, inputs.established) {
             Sequence::StrikeTimeout => self.hold(Cause::StrikeTimeout),
             Sequence::Lost => self.hold(Cause::ArcLost),
@@ -352,7 +456,7 @@ impl Interlock {
     fn stand(&mut self, inputs: &Inputs) {
         match self.fault {
             Some(fault) => self.latch(fault),
-            None if inputs.path_end => self.rest(),
+            None if inputs.path_end && !self.cut_short => self.rest(),
             None => self.state = State::Held,
         }
     }
@@ -363,11 +467,14 @@ impl Interlock {
         }
     }
 
-    /// Hold always drops the arc, and it has to be armed again.
+    /// Hold always drops the arc; it has to be armed again, and before that the switch gripped anew.
     fn hold(&mut self, cause: Cause) {
-        self.state = State::Holding;
+        if self.state != State::Holding {
+            self.state = State::Holding;
+            self.regrip();
+        }
         self.cause = Some(cause);
-        self.armed = false;
+        self.cut_short |= matches!(self.arc.phase, ArcPhase::CraterFill | ArcPhase::BurnBack);
         self.arc.cut();
     }
 
@@ -385,6 +492,7 @@ impl Interlock {
         self.cause = None;
         self.fault = None;
         self.armed = false;
+        self.cut_short = false;
         self.arc.cut();
     }
 
@@ -394,6 +502,15 @@ impl Interlock {
             State::Fault if self.fault != Some(Fault::Session) || inputs.moving => {}
             _ => self.rest(),
         }
+        self.regrip();
+    }
+
+    fn attach(&mut self) -> Result<(), Refused> {
+        if self.state != State::Held {
+            return Err(self.wrong_state());
+        }
+        self.regrip();
+        Ok(())
     }
 
     fn bad_path(&mut self, fault: Fault) {
@@ -415,6 +532,7 @@ impl Interlock {
             _ => {
                 self.rest();
                 self.state = State::Loading;
+                self.regrip();
                 Ok(())
             }
         }
@@ -428,32 +546,39 @@ impl Interlock {
 
     fn start(&mut self, inputs: &Inputs) -> Result<(), Refused> {
         match self.state {
-            State::Ready => self.go(),
-            State::Loading if inputs.prefilled => self.go(),
+            State::Ready => self.go(inputs),
+            State::Loading if inputs.prefilled => self.go(inputs),
             _ => Err(self.wrong_state()),
         }
     }
 
-    fn resume(&mut self) -> Result<(), Refused> {
+    fn resume(&mut self, inputs: &Inputs) -> Result<(), Refused> {
         match (self.state, self.cause) {
             (State::Held, Some(cause)) if !cause.is_resumable() => Err(Refused::NotResumable(cause)),
-            (State::Held, _) => self.go(),
+            (State::Held, _) => self.go(inputs),
             _ => Err(self.wrong_state()),
         }
     }
 
-    fn go(&mut self) -> Result<(), Refused> {
+    fn go(&mut self, inputs: &Inputs) -> Result<(), Refused> {
         if !self.enabled {
             return Err(Refused::NotEnabled);
         }
+        if self.armed && inputs.too_fast {
+            return Err(Refused::TooFast);
+        }
         self.state = State::Running;
         self.cause = None;
+        self.cut_short &= !(inputs.rewelds && self.armed);
         Ok(())
     }
 
     fn arm(&mut self, armed: bool) -> Result<(), Refused> {
         match self.state {
             State::Running if !armed => self.hold(Cause::Hold),
+            State::Loading | State::Ready | State::Held if armed && !self.enabled => {
+                return Err(Refused::NotEnabled);
+            }
             State::Loading | State::Ready | State::Held => self.armed = armed,
             _ if !armed => {}
             _ => return Err(self.wrong_state()),
@@ -464,7 +589,7 @@ impl Interlock {
     fn reset(&mut self, inputs: &Inputs) -> Result<(), Refused> {
         match self.state {
             State::Running | State::Holding => Err(self.wrong_state()),
-            State::Fault if self.fault == Some(Fault::EStop) => Err(Refused::EStop),
+            State::Fault if self.fault.is_some_and(Fault::is_local) => Err(Refused::EStop),
             State::Fault if inputs.moving => Err(self.wrong_state()),
             _ => {
                 self.rest();
@@ -484,6 +609,7 @@ impl Interlock {
     }
 
     fn wrong_state(&self) -> Refused {
-        if self.fault == Some(Fault::EStop) { Refused::EStop } else { Refused::State(self.state) }
+        let local = self.state == State::Fault && self.fault.is_some_and(Fault::is_local);
+        if local { Refused::EStop } else { Refused::State(self.state) }
     }
 }

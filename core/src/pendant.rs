@@ -8,21 +8,29 @@
 
 mod command;
 mod drive;
+mod jog;
+mod place;
 mod report;
 mod ring;
+mod robot;
 
-use crate::interlock::{ArcTimes, ArcTimesMs, Event, Fault, Inputs, Interlock, Outputs, Refused, State};
+use crate::interlock::{
+    ArcTimes, ArcTimesMs, Event, Fault, Inputs, Interlock, Motion, Outputs, Refused, State,
+};
 use crate::wire::frame::{self, Damage, Received};
 use crate::wire::{
-    self, Answer, Chunk, ChunkRefusal, ChunkRefused, Counters, FromHost, FromPendant, Hello, HelloAck,
-    HelloRefusal, HelloRefused, HostMessage, Limits, PendantMessage, Sample, Telemetry, Unreadable,
-    WireHandFrame, WireJog, WirePatch, WirePose,
+    self, Answer, Attach, AttachRefusal, Chunk, ChunkRefusal, ChunkRefused, Counters, FromHost, FromPendant,
+    Hello, HelloAck, HelloRefusal, HelloRefused, HostMessage, JogLimits, Limits, PendantMessage, Ping,
+    Sample, Telemetry, Unreadable, WireHandFrame, WireJog, WirePatch, WirePose, port,
 };
 pub use drive::{ALPHA_ONE, set_point};
 use drive::{Drive, Machine};
+use jog::Jogging;
 use report::{Periods, Report};
 use ring::{Dynamics, Placed, Ring};
 pub use ring::{Slot, Slots};
+use robot::Monitor;
+pub use robot::PortConfig;
 
 /// Speed of the way back before a Resume, µm/s: slow enough for corners without a plan.
 const RETRACE_UM_S: f32 = 5_000.0;
@@ -54,9 +62,29 @@ pub struct Config {
     pub silence_ms: u16,
     /// Period of telemetry, ms.
     pub telemetry_ms: u16,
-    /// Times of the arc sequence.
+    /// Times of the arc sequence; a path brings its own of all but the longest interruption of an arc and the time for
+    /// which current may flow on.
     pub arc: ArcTimesMs,
+    /// Fastest turn of the torch, mrad/s.
+    pub max_turn_mrad_s: u32,
+    /// Change of the angular velocity at a waypoint, mrad/s.
+    pub corner_mrad_s: u32,
+    /// Angular acceleration between waypoints, mrad/s²: what `accel_um_s2` makes of it must not be more.
+    pub turn_accel_mrad_s2: u32,
+    /// Start and Resume: the torch has to be this near, µm ...
+    pub near_um: u32,
+    /// ... and turned by no more than this, mrad.
+    pub near_mrad: u32,
+    /// Of hand-guided motion.
+    pub jog: JogLimits,
+    /// The robot port, if the board has one.
+    pub port: Option<PortConfig>,
+    /// Whether the arc may be armed at all: a board that came up by its fall-back clock may not.
+    pub can_weld: bool,
 }
+
+/// Fastest feed in manual mode unless the board says otherwise, µm/s.
+const MANUAL_DEFAULT_UM_S: u32 = 25_000;
 
 impl Default for Config {
     fn default() -> Self {
@@ -66,17 +94,36 @@ impl Default for Config {
             min_half_turn_cos_q15: 28_377, // 60 degrees
             min_step_um: 50,
             max_feed_um_s: 250_000,
-            manual_feed_um_s: MANUAL_UM_S,
+            manual_feed_um_s: MANUAL_DEFAULT_UM_S,
             accel_um_s2: 500_000,
-            emergency_um_s2: 5_000_000,
+            emergency_um_s2: 6_000_000,
             corner_um_s: 5_000,
             tick_us: 2_000,
             silence_ms: 200,
             telemetry_ms: 50,
             arc: ArcTimesMs::default(),
+            max_turn_mrad_s: 3_142, // 180 degrees a second: the slowest wrist axis of common welding robots
+            corner_mrad_s: 350,
+            turn_accel_mrad_s2: 50_000,
+            near_um: 2_000,
+            near_mrad: 35, // 2 degrees
+            jog: JOG_LIMITS,
+            port: None,
+            can_weld: true,
         }
     }
 }
+
+/// Hand-guided motion unless the board says otherwise: 1 mm a frame, 100 mm/s, 1 rad/s, in a box that reaches 1.5 m to
+/// every side and from the base plane 2 m up; Leap Motion's confidence is below 0.2 for hands that it guesses.
+pub const JOG_LIMITS: JogLimits = JogLimits {
+    step_um: 1_000,
+    speed_um_s: 100_000,
+    turn_mrad_s: 1_000,
+    least_um: [-1_500_000, -1_500_000, 0],
+    most_um: [1_500_000, 1_500_000, 2_000_000],
+    confidence_permille: 200,
+};
 
 /// Bound of the speed in manual mode, whatever the configuration says, µm/s.
 pub const MANUAL_UM_S: u32 = 250_000;
@@ -92,8 +139,18 @@ impl Config {
             && (100..=100_000).contains(&self.tick_us)
             && self.silence_ms > 0
             && self.telemetry_ms > 0
+            && self.bounds_turns()
             && u64::from(self.max_feed_um_s) * u64::from(self.tick_us)
                 <= u64::from(self.min_step_um) * 16_000_000
+    }
+
+    /// A step is at least as long as its turn on a lever of [`ring::TURN_LEVER_UM`], so that what bounds motion along
+    /// the path bounds the turn's acceleration, too.
+    fn bounds_turns(&self) -> bool {
+        let accel_mrad_s2 = u64::from(self.accel_um_s2) * 1000 / ring::TURN_LEVER_UM as u64;
+        self.max_turn_mrad_s > 0
+            && self.corner_mrad_s > 0
+            && accel_mrad_s2 <= u64::from(self.turn_accel_mrad_s2)
     }
 
     /// What a pendant with so many waypoints in its ring tells its host.
@@ -109,11 +166,23 @@ impl Config {
             accel_um_s2: self.accel_um_s2,
             tick_us: self.tick_us,
             silence_ms: self.silence_ms,
+            max_turn_mrad_s: self.max_turn_mrad_s,
+            corner_um_s: self.corner_um_s,
+            corner_mrad_s: self.corner_mrad_s,
+            retrace_um_s: RETRACE_UM_S as u32,
+            near_um: self.near_um,
+            near_mrad: self.near_mrad,
+            port: self.port.is_some(),
+            jog: self.jog,
         }
     }
 
     fn dynamics(&self) -> Dynamics {
-        Dynamics { accel_um_s2: self.accel_um_s2 as f32, corner_um_s: self.corner_um_s as f32 }
+        Dynamics {
+            accel_um_s2: self.accel_um_s2 as f32,
+            corner_um_s: self.corner_um_s as f32,
+            corner_rad_s: self.corner_mrad_s as f32 * 1e-3,
+        }
     }
 
     fn machine(&self) -> Machine {
@@ -142,8 +211,12 @@ pub struct Panel {
     pub local_reset: bool,
     /// The power source reports current.
     pub established: bool,
-    /// Manual mode: 250 mm/s at most.
+    /// The key switch is in manual.
     pub manual: bool,
+    /// The operator's button: the torch is where it has to begin or to go on.
+    pub confirm: bool,
+    /// What the board found broken.
+    pub defect: Option<Fault>,
 }
 
 /// What a received frame asks of the shell.
@@ -168,10 +241,17 @@ pub enum Action {
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[allow(clippy::large_enum_variant, reason = "no allocator to box with; one task is alive at a time")]
 pub enum Task {
-    /// Start gestures anew from here: [`Answer::Done`].
-    Jog(WireJog),
+    /// Start gestures anew from here, within these limits: [`Answer::Done`].
+    Jog(WireJog, JogLimits),
     /// Follow the hand: [`Answer::Pose`].
-    HandFrame(WireHandFrame),
+    HandFrame {
+        /// What the sensor saw.
+        hands: WireHandFrame,
+        /// The pendant's clock.
+        time_ms: u32,
+        /// Whether it is the first since hands may move the camera: it only says where the hand is.
+        anew: bool,
+    },
     /// Score the patch's first point: [`Answer::EdgeScore`].
     Score(WirePatch),
 }
@@ -184,6 +264,11 @@ pub struct Tick {
     pub outputs: Outputs,
     /// Where the torch has to be; none without a path that was started.
     pub set_point: Option<SetPoint>,
+    /// Whether the robot's motion is enabled: in Running and while it comes to a controlled stop. A released switch and an
+    /// E-stop end it at once.
+    pub motion: bool,
+    /// For the robot's line, if a port is fitted.
+    pub robot: Option<port::WireSetPoint>,
 }
 
 /// Where the torch has to be at the end of a tick.
@@ -203,6 +288,13 @@ struct Session {
     nonce: u32,
 }
 
+/// Signs of life: the newest count, and the pendant's own tick that came back with it.
+#[derive(Debug, Clone, Copy, Default)]
+struct Life {
+    count: u32,
+    echo: u32,
+}
+
 /// Numbers and reply of the control messages of a session.
 #[derive(Debug, Clone, Copy, Default)]
 struct Requests {
@@ -218,7 +310,7 @@ pub struct Pendant<const RING: usize, S = [Slot; RING]> {
     machine: Machine,
     boot: u32,
     session: Option<Session>,
-    silent_ticks: u32,
+    life: Life,
     requests: Requests,
     used_path: Option<u16>,
     interlock: Interlock,
@@ -230,7 +322,13 @@ pub struct Pendant<const RING: usize, S = [Slot; RING]> {
     started: bool,
     finished: Option<u16>,
     tool: WirePose,
+    torch_from_flange: WirePose,
     pose: WirePose,
+    known: bool,
+    confirm_pressed: bool,
+    rewelds: bool,
+    jogging: Jogging,
+    robot: Option<Monitor>,
     report: Report,
     counters: Counters,
     ticks: u32,
@@ -255,7 +353,7 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
             machine: config.machine(),
             boot,
             session: None,
-            silent_ticks: 0,
+            life: Life::default(),
             requests: Requests::default(),
             used_path: None,
             interlock: Interlock::new(arc),
@@ -267,7 +365,13 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
             started: false,
             finished: None,
             tool: WirePose::IDENTITY,
+            torch_from_flange: WirePose::IDENTITY,
             pose: WirePose::IDENTITY,
+            known: false,
+            confirm_pressed: true,
+            rewelds: false,
+            jogging: Jogging::default(),
+            robot: config.port.map(Monitor::new),
             report: Report::new(periods),
             counters: Counters::default(),
             ticks: 0,
@@ -302,7 +406,6 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
     /// One set-point period: reads the pins, moves the torch, says what the pins have to be.
     pub fn tick(&mut self, panel: &Panel) -> Tick {
         self.ticks = self.ticks.wrapping_add(1);
-        self.silent_ticks = self.silent_ticks.saturating_add(1);
         self.report.tick();
         if self.panel != *panel {
             self.report.hurry();
@@ -311,14 +414,25 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
         if !self.is_heard() {
             self.fire_own(Event::LinkSilent);
         }
+        self.watch_robot();
         if self.state() == State::Running && self.drive.is_starved(&self.ring, &self.machine) {
             self.fire_own(Event::Underrun);
         }
         self.fire_own(Event::Tick);
+        self.read_confirmation(panel.confirm);
+        self.advance_jog();
         let outputs = self.interlock.outputs(&self.inputs());
         let feed = if panel.manual { self.limits.manual_feed_um_s } else { self.limits.max_feed_um_s };
         let set_point = self.started.then(|| self.follow(&outputs, feed as f32)).flatten();
-        Tick { outputs, set_point }
+        let motion = self.enables_motion(&outputs);
+        let robot = self.command_robot(set_point.as_ref(), motion, outputs.arc);
+        Tick { outputs, set_point, motion, robot }
+    }
+
+    fn enables_motion(&self, outputs: &Outputs) -> bool {
+        let stops = outputs.motion == Motion::EmergencyStop;
+        let jogs = self.jogged().is_some();
+        jogs || (matches!(self.state(), State::Running | State::Holding) && !stops && self.panel.enable)
     }
 
     fn follow(&mut self, outputs: &Outputs, feed_limit_um_s: f32) -> Option<SetPoint> {
@@ -363,24 +477,40 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
     /// Not inlined: the copies it makes of a message would add to the stack that decoding needs.
     #[inline(never)]
     fn handle(&mut self, frame: FromHost) -> Action {
-        if let HostMessage::Hello(hello) = frame.message {
-            return self.hello(&hello);
+        match frame.message {
+            HostMessage::Hello(hello) => return self.hello(&hello),
+            HostMessage::Attach(attach) => return self.attach(&attach),
+            _ => {}
         }
         if self.session.is_none_or(|session| session.id != frame.session) {
             let message = PendantMessage::NoSession { boot: self.boot };
             return Action::Send(FromPendant { session: frame.session, message });
         }
-        self.silent_ticks = 0;
         match frame.message {
             HostMessage::Hello(hello) => self.hello(&hello),
+            HostMessage::Attach(attach) => self.attach(&attach),
             HostMessage::Control { request, command } => self.control(request, command),
             HostMessage::Chunk(chunk) => self.chunk(&chunk),
-            HostMessage::Ping { token } => self.send(PendantMessage::Pong { token }),
+            HostMessage::Ping(ping) => self.ping(&ping),
             HostMessage::FaultSeen { number } => {
                 self.report.fault_seen(number);
                 Action::Idle
             }
         }
+    }
+
+    /// The only sign of life. It has to be ahead of all before it, and is as old as the pendant's own time that it brings
+    /// back: one that was recorded, repeated or delayed keeps nobody's torch moving.
+    fn ping(&mut self, ping: &Ping) -> Action {
+        let age = self.ticks.wrapping_sub(ping.echo);
+        let ahead = ping.count.wrapping_sub(self.life.count) as i32 > 0;
+        let fresh = age <= self.silence_ticks() && age <= self.ticks.wrapping_sub(self.life.echo);
+        if ahead && fresh {
+            self.life = Life { count: ping.count, echo: ping.echo };
+        } else {
+            self.counters.stale = self.counters.stale.wrapping_add(1);
+        }
+        self.send(PendantMessage::Pong { token: ping.token, tick: self.ticks })
     }
 
     /// A Hello that is repeated is answered again; another host's is refused while this one is alive. Neither counts
@@ -390,34 +520,92 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
             return self.send(PendantMessage::HelloRefused(HelloRefused { nonce: hello.nonce, why }));
         }
         if self.session.is_none_or(|session| session.nonce != hello.nonce) {
-            let id = wire::session_id(self.boot, hello.nonce);
-            self.session = Some(Session { id, nonce: hello.nonce });
+            self.open_session(hello.nonce);
             self.requests = Requests::default();
             self.used_path = None;
             self.finished = None;
             self.report.subscribe(0);
-            self.silent_ticks = 0;
             self.fire_own(Event::NewSession);
         }
-        let (version, boot, limits) = (wire::VERSION, self.boot, self.limits);
-        self.send(PendantMessage::HelloAck(HelloAck { version, nonce: hello.nonce, boot, limits }))
+        self.acknowledge(hello.nonce)
     }
 
-    fn refuse_hello(&self, hello: &Hello) -> Option<HelloRefusal> {
+    fn open_session(&mut self, nonce: u32) {
+        self.session = Some(Session { id: wire::session_id(self.boot, nonce), nonce });
+        self.life = Life { count: 0, echo: self.ticks };
+    }
+
+    fn acknowledge(&self, nonce: u32) -> Action {
+        self.send(PendantMessage::HelloAck(HelloAck {
+            version: wire::VERSION,
+            nonce,
+            boot: self.boot,
+            tick: self.ticks,
+            request: self.requests.last,
+            limits: self.limits,
+        }))
+    }
+
+    /// A host goes on with the path of one that was lost, in a session of its own, so that nothing that the lost one may
+    /// still have on the line counts. Its requests go on from the last number.
+    fn attach(&mut self, attach: &Attach) -> Action {
+        let nonce = attach.hello.nonce;
+        if self.session.is_some_and(|session| session.nonce == nonce) {
+            return self.acknowledge(nonce);
+        }
+        if let Some(why) = self.refuse_version(&attach.hello) {
+            return self.send(PendantMessage::HelloRefused(HelloRefused { nonce, why }));
+        }
+        if let Err(why) = self.check_attach(attach) {
+            return self.send(PendantMessage::AttachRefused { nonce, why });
+        }
+        self.open_session(nonce);
+        self.requests.reply = None;
+        self.changes = self.changes.wrapping_add(1);
+        self.fire_own(Event::Attach);
+        self.report.hurry();
+        self.acknowledge(nonce)
+    }
+
+    fn check_attach(&self, attach: &Attach) -> Result<(), AttachRefusal> {
+        if self.session.is_none_or(|session| session.nonce != attach.former) {
+            return Err(AttachRefusal::Session);
+        }
+        if self.is_heard() || !self.stands() {
+            return Err(AttachRefusal::Busy);
+        }
+        if self.state() != State::Held {
+            return Err(AttachRefusal::State(self.state()));
+        }
+        let same =
+            self.path() == Some(attach.path) && self.ring.is_sealed() && self.ring.digest() == attach.digest;
+        if same { Ok(()) } else { Err(AttachRefusal::Path) }
+    }
+
+    fn refuse_version(&self, hello: &Hello) -> Option<HelloRefusal> {
         if hello.version != wire::VERSION {
             return Some(HelloRefusal::Version { host: hello.version, pendant: wire::VERSION });
         }
         if hello.schema != wire::SCHEMA {
             return Some(HelloRefusal::Schema { host: hello.schema, pendant: wire::SCHEMA });
         }
-        let same = self.session.is_some_and(|session| session.nonce == hello.nonce);
-        let alive = self.session.is_some() && self.is_heard();
-        (!same && (alive || !self.stands())).then_some(HelloRefusal::Busy)
+        None
     }
 
-    /// Whether the session's host was heard within the silence limit.
+    fn refuse_hello(&self, hello: &Hello) -> Option<HelloRefusal> {
+        let same = self.session.is_some_and(|session| session.nonce == hello.nonce);
+        let alive = self.session.is_some() && self.is_heard();
+        let busy = !same && (alive || !self.stands());
+        self.refuse_version(hello).or(busy.then_some(HelloRefusal::Busy))
+    }
+
+    /// Whether the session's newest fresh ping is within the silence limit.
     fn is_heard(&self) -> bool {
-        self.session.is_some() && self.silent_ticks <= self.config.ticks(self.config.silence_ms)
+        self.session.is_some() && self.ticks.wrapping_sub(self.life.echo) <= self.silence_ticks()
+    }
+
+    fn silence_ticks(&self) -> u32 {
+        self.config.ticks(self.config.silence_ms)
     }
 
     /// Whether nothing moves nor is about to.
@@ -470,6 +658,10 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
             self.panel.manual,
             outputs.arc,
             outputs.gas,
+            self.torch().is_some(),
+            self.panel.confirm,
+            self.enables_motion(&outputs),
+            self.panel.defect.is_some(),
         ];
         Telemetry {
             tick: self.ticks,
@@ -478,7 +670,7 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
             cause: self.interlock.cause(),
             fault: self.interlock.fault(),
             arc: self.interlock.arc_phase(),
-            pins: bits.into_iter().rev().fold(0, |pins, bit| pins << 1 | u8::from(bit)),
+            pins: bits.into_iter().rev().fold(0, |pins, bit| pins << 1 | u16::from(bit)),
             finished: self.finished,
             load: self.loaded.then(|| self.ring.ack()),
             segment: self.drive.segment(),
@@ -486,6 +678,7 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
             speed_um_s: self.drive.speed_um_s() as u32,
             pose: self.pose,
             counters: self.counters,
+            robot: self.robot.as_ref().and_then(Monitor::report),
         }
     }
 
@@ -510,7 +703,17 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
             run_end: on_path && self.drive.is_at_run_end(&self.ring),
             path_end: on_path && self.ring.is_sealed() && self.drive.is_at_path_end(&self.ring),
             prefilled: self.loaded && self.ring.is_prefilled(),
+            manual: self.panel.manual,
+            too_fast: on_path && self.panel.manual && self.is_too_fast(),
+            rewelds: self.rewelds,
+            defect: self.panel.defect,
         }
+    }
+
+    /// Whether the segment under the torch is to be welded faster than manual mode allows.
+    fn is_too_fast(&self) -> bool {
+        let here = self.ring.get(self.drive.segment()).map(|slot| slot.waypoint);
+        here.is_some_and(|waypoint| waypoint.weld && waypoint.feed_um_s > self.limits.manual_feed_um_s)
     }
 
     /// An event that nobody waits to see accepted.
@@ -531,7 +734,7 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
         }
         self.note_fault(before.state(), before.fault());
         if !self.keeps_path() {
-            self.drop_path(inputs.path_end && self.state() != State::Fault);
+            self.drop_path(inputs.path_end && !before.is_cut_short() && self.state() != State::Fault);
         }
         verdict
     }
@@ -542,6 +745,7 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
         }
         self.loaded = false;
         self.started = false;
+        self.rewelds = false;
         self.drive = Drive::new();
     }
 
@@ -564,6 +768,9 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
     pub fn answer(&mut self, request: u16, answer: Answer) -> Action {
         if request != self.requests.last || self.requests.reply.is_some() {
             return Action::Idle;
+        }
+        if let Answer::Pose(camera) = &answer {
+            self.jog_to(&camera.pose);
         }
         self.reply(answer)
     }

@@ -12,14 +12,17 @@ use heapless::{Deque, Vec};
 
 use crate::interlock::Fault;
 use crate::wire::{
-    self, Ack, Answer, Begin, ChunkRefused, Command, FromHost, FromPendant, Hello, HelloAck, HelloRefusal,
-    HostMessage, Limits, MAX_SAMPLES, PendantMessage, Refusal, Sample, Telemetry, Unreadable, WireWaypoint,
+    self, Ack, Answer, Attach, AttachRefusal, Begin, ChunkRefused, Command, FromHost, FromPendant, Hello,
+    HelloAck, HelloRefusal, HostMessage, Limits, MAX_SAMPLES, PendantMessage, Ping, Refusal, Sample,
+    Telemetry, Unreadable, WireWaypoint,
 };
 use rto::Rto;
 use upload::{Step, Upload};
 
 /// Period of pings, µs.
-const PING_US: u64 = 50_000;
+const PING_US: u64 = 25_000;
+/// The same on a line whose round trip is longer than that.
+const SLOW_PING_US: u64 = 50_000;
 /// Wait after Busy, µs.
 const BUSY_US: u64 = 100_000;
 /// Commands that may wait.
@@ -51,6 +54,8 @@ pub enum Notice {
     Connected(HelloAck),
     /// No session; after Busy it is tried again, else not.
     Refused(HelloRefusal),
+    /// There is no path to go on with; after Busy it is tried again, else not.
+    AttachRefused(AttachRefusal),
     /// The pendant does not know the session (any more): open another.
     SessionLost {
         /// Boot nonce of the pendant.
@@ -90,6 +95,17 @@ pub struct Statistics {
     pub resent: u64,
 }
 
+/// The path of a session whose host was lost.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Former {
+    /// Nonce of that session.
+    pub nonce: u32,
+    /// Path id.
+    pub path: u16,
+    /// Digest that the path was committed with.
+    pub digest: u32,
+}
+
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Link {
     Closed,
@@ -117,11 +133,14 @@ struct Outstanding {
 pub struct Sender {
     config: Config,
     nonce: u32,
+    former: Option<Former>,
     link: Link,
     rto: Rto,
     chunk_rto: Rto,
     ping_due_us: u64,
     ping: Option<u32>,
+    pings: u32,
+    pendant_tick: u32,
     queue: Deque<(u16, Command), QUEUE>,
     tickets: u16,
     requests: u16,
@@ -140,11 +159,14 @@ impl Sender {
         Self {
             config: Config { chunk, window },
             nonce: 0,
+            former: None,
             link: Link::Closed,
             rto: Rto::default(),
             chunk_rto: Rto::default(),
             ping_due_us: 0,
             ping: None,
+            pings: 0,
+            pendant_tick: 0,
             queue: Deque::new(),
             tickets: 0,
             requests: 0,
@@ -160,7 +182,14 @@ impl Sender {
     pub fn open(&mut self, nonce: u32) {
         self.close();
         self.nonce = nonce;
+        self.former = None;
         self.link = Link::Opening { due_us: 0, sends: 0 };
+    }
+
+    /// As [`Self::open`], going on with the path of a host that was lost.
+    pub fn attach(&mut self, nonce: u32, former: Former) {
+        self.open(nonce);
+        self.former = Some(former);
     }
 
     /// Forgets the session and all that waits.
@@ -172,6 +201,7 @@ impl Sender {
         self.fault_seen = None;
         self.heard_tick = None;
         self.ping = None;
+        self.pings = 0;
         self.requests = 0;
     }
 
@@ -246,6 +276,11 @@ impl Sender {
             {
                 return self.refused(refused.why, sends, now_us);
             }
+            (PendantMessage::AttachRefused { nonce, why }, Link::Opening { sends, .. })
+                if *nonce == self.nonce =>
+            {
+                return self.attach_refused(*why, sends, now_us);
+            }
             (_, Link::Open { session, .. }) if session == frame.session => {}
             _ => return Notice::Nothing,
         }
@@ -253,7 +288,8 @@ impl Sender {
             PendantMessage::Reply { request, answer } => self.answered(request, answer),
             PendantMessage::Ack(ack) => self.acked(&ack, now_us),
             PendantMessage::ChunkRefused(refused) => self.chunk_refused(refused),
-            PendantMessage::Pong { token } => {
+            PendantMessage::Pong { token, tick } => {
+                self.heard_of(tick);
                 // Of the last ping, and once: a doubled Pong would measure its own detour.
                 if self.ping.take_if(|sent| *sent == token).is_some() {
                     self.rto.measured((now_us as u32).wrapping_sub(token));
@@ -271,14 +307,33 @@ impl Sender {
                 Notice::SessionLost { boot }
             }
             PendantMessage::Unread(why) => Notice::Unread(why),
-            PendantMessage::HelloAck(_) | PendantMessage::HelloRefused(_) => Notice::Nothing,
+            PendantMessage::HelloAck(_)
+            | PendantMessage::HelloRefused(_)
+            | PendantMessage::AttachRefused { .. } => Notice::Nothing,
         }
     }
 
     fn connected(&mut self, session: u32, ack: HelloAck, now_us: u64) -> Notice {
         self.link = Link::Open { session, limits: ack.limits };
         self.ping_due_us = now_us;
+        self.pendant_tick = ack.tick;
+        self.requests = ack.request;
         Notice::Connected(ack)
+    }
+
+    /// The pendant's time comes back to it with the next ping; late messages bring older ones.
+    fn heard_of(&mut self, tick: u32) {
+        if tick.wrapping_sub(self.pendant_tick) as i32 > 0 {
+            self.pendant_tick = tick;
+        }
+    }
+
+    fn attach_refused(&mut self, why: AttachRefusal, sends: u8, now_us: u64) -> Notice {
+        self.link = match why {
+            AttachRefusal::Busy => Link::Opening { due_us: now_us + BUSY_US, sends },
+            AttachRefusal::State(_) | AttachRefusal::Session | AttachRefusal::Path => Link::Closed,
+        };
+        Notice::AttachRefused(why)
     }
 
     fn refused(&mut self, why: HelloRefusal, sends: u8, now_us: u64) -> Notice {
@@ -325,6 +380,7 @@ impl Sender {
             return Notice::Nothing;
         }
         self.heard_tick = Some(telemetry.tick);
+        self.heard_of(telemetry.tick);
         if let Some(ack) = telemetry.load {
             let _ = self.acked(&ack, now_us);
         }
@@ -362,15 +418,23 @@ impl Sender {
         let sends = sends.saturating_add(1);
         self.link = Link::Opening { due_us: now_us + self.rto.timeout_us(sends.min(3)), sends };
         let hello = Hello { version: wire::VERSION, schema: wire::SCHEMA, nonce: self.nonce };
-        Some(FromHost { session: 0, message: HostMessage::Hello(hello) })
+        let message = match self.former {
+            None => HostMessage::Hello(hello),
+            Some(Former { nonce: former, path, digest }) => {
+                HostMessage::Attach(Attach { hello, former, path, digest })
+            }
+        };
+        Some(FromHost { session: 0, message })
     }
 
     fn poll_open(&mut self, now_us: u64, path: &[WireWaypoint]) -> Option<HostMessage> {
         if now_us >= self.ping_due_us {
-            self.ping_due_us = now_us + PING_US;
+            let slow = u64::from(self.rto.round_trip_us()) > PING_US;
+            self.ping_due_us = now_us + if slow { SLOW_PING_US } else { PING_US };
             let token = now_us as u32;
             self.ping = Some(token);
-            return Some(HostMessage::Ping { token });
+            self.pings = self.pings.wrapping_add(1);
+            return Some(HostMessage::Ping(Ping { count: self.pings, echo: self.pendant_tick, token }));
         }
         if let Some(control) = self.poll_control(now_us) {
             return Some(control);

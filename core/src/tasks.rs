@@ -7,16 +7,45 @@ use crate::gesture::{
     Attitude, CameraPose, CaptureGesture, Config, Fingers, InteractionBox, Region, Steering,
 };
 use crate::path::TorchPose;
-use crate::pendant::Task;
+use crate::pendant::{JOG_LIMITS, Task};
 use crate::seam::{Ball, Patch, RatioThreshold};
 use crate::wire::{self, Answer, Field, MAX_PATCH, Refusal, WireEdgeScore, WirePose};
-use crate::{Orientation, Point, Vector, gesture};
+use crate::{Orientation, Point, Vector, gesture, seam};
 
 /// Neighbours that a point of a wire patch can have.
 pub const MAX_NEIGHBOURS: usize = 32;
 
-/// Room for the largest patch on the wire. 14 kB: keep it in static memory.
-pub type Workspace = Patch<MAX_PATCH, MAX_NEIGHBOURS>;
+/// Room for the largest patch on the wire, and its scores. 14 kB: keep it in static memory.
+///
+/// Its loops are compiled here, for speed: a firmware that calls them may be compiled for size.
+#[derive(Debug, Clone, Default)]
+pub struct Workspace(Patch<MAX_PATCH, MAX_NEIGHBOURS>);
+
+impl Workspace {
+    /// No patch.
+    pub const fn empty() -> Self {
+        Self(Patch::empty())
+    }
+
+    /// Takes the points and finds the neighbours of each; false for fewer than two.
+    #[inline(never)]
+    pub fn find(&mut self, patch: &wire::WirePatch, ball: &Ball) -> bool {
+        let point = |offset: &wire::Offset| Point::from(offset.um.map(|um| f32::from(um) / 1000.0));
+        self.0.find(patch.points.iter().map(point), ball)
+    }
+
+    /// What all scores need: intensities and gradients of every point.
+    #[inline(never)]
+    pub fn measure(&mut self) {
+        self.0.measure();
+    }
+
+    /// Score of one point, once measured; `None` for an index out of range.
+    #[inline(never)]
+    pub fn score(&self, index: usize, threshold: RatioThreshold) -> Option<seam::EdgeScore> {
+        self.0.score(index, threshold)
+    }
+}
 
 /// Gestures from frame to frame.
 #[derive(Debug, Clone)]
@@ -25,6 +54,7 @@ pub struct Tasks {
     capture: CaptureGesture,
     camera: CameraPose,
     steer_right: bool,
+    limits: wire::JogLimits,
 }
 
 impl Default for Tasks {
@@ -36,6 +66,7 @@ impl Default for Tasks {
             capture: CaptureGesture::default(),
             camera,
             steer_right: false,
+            limits: JOG_LIMITS,
         }
     }
 }
@@ -44,43 +75,69 @@ impl Tasks {
     /// Computes the answer to a task.
     pub fn perform(&mut self, task: &Task, workspace: &mut Workspace) -> Answer {
         let answer = match task {
-            Task::Jog(jog) => self.start(jog).map(|()| Answer::Done),
-            Task::HandFrame(hands) => self.follow(hands).map(Answer::Pose),
+            Task::Jog(jog, limits) => self.start(jog, limits).map(|()| Answer::Done),
+            Task::HandFrame { hands, time_ms, anew } => {
+                if *anew {
+                    self.steering.forget();
+                    self.capture = CaptureGesture::default();
+                }
+                self.follow(hands, *time_ms).map(Answer::Pose)
+            }
             Task::Score(patch) => score(patch, workspace).map(Answer::EdgeScore),
         };
         answer.unwrap_or_else(Answer::Refused)
     }
 
-    /// Gestures start anew, from this camera pose and with this box.
-    fn start(&mut self, jog: &wire::WireJog) -> Result<(), Refusal> {
+    /// Gestures start anew, from this camera pose, with this box and within these limits.
+    fn start(&mut self, jog: &wire::WireJog, limits: &wire::JogLimits) -> Result<(), Refusal> {
         let center_mm = Point::from(millimetres(jog.box_center_um));
         let edges_mm = Vector::from(jog.box_size_um.map(|um| um as f32 / 1000.0));
         let interaction_box =
             InteractionBox::with_edges(center_mm, edges_mm).ok_or(Refusal::Value(Field::Size))?;
         let start = jog.start.to_pose().ok_or(Refusal::Value(Field::Orientation))?;
+        let sensor = WirePose { position_um: [0; 3], orientation_q15: jog.base_from_sensor_q15 };
+        let sensor = sensor.to_pose().ok_or(Refusal::Value(Field::Orientation))?;
+        let config = Config {
+            interaction_box,
+            step_mm: limits.step_um as f32 / 1000.0,
+            max_speed_mm_s: limits.speed_um_s as f32 / 1000.0,
+            max_turn_rad_s: limits.turn_mrad_s as f32 / 1000.0,
+            base_from_sensor: sensor.orientation,
+            ..Config::default()
+        };
         *self = Self {
-            steering: Steering::new(Config { interaction_box, ..Config::default() }),
+            steering: Steering::new(config),
             capture: CaptureGesture::default(),
             camera: CameraPose { position_mm: start.position_mm, orientation: start.orientation },
             steer_right: jog.steer_right,
+            limits: *limits,
         };
         Ok(())
     }
 
-    /// The steering hand moves the camera, the right hand captures.
-    fn follow(&mut self, hands: &wire::WireHandFrame) -> Result<wire::WireCameraPose, Refusal> {
-        let time_us = u64::from(hands.time_ms) * 1000;
-        let right = hands.right.as_ref().and_then(|hand| seen(hand, time_us));
-        let left = hands.left.as_ref().and_then(|hand| seen(hand, time_us));
+    /// The steering hand moves the camera, the right hand captures, both by the pendant's clock: the sensor's own may run
+    /// as it likes. A hand that the sensor is not sure of is none.
+    fn follow(&mut self, hands: &wire::WireHandFrame, time_ms: u32) -> Result<wire::WireCameraPose, Refusal> {
+        let time_us = u64::from(time_ms) * 1000;
+        let sure = |hand: &&wire::Hand| hand.confidence_permille >= self.limits.confidence_permille;
+        let right = hands.right.as_ref().filter(sure).and_then(|hand| seen(hand, time_us));
+        let left = hands.left.as_ref().filter(sure).and_then(|hand| seen(hand, time_us));
         let steering = if self.steer_right { &right } else { &left };
         let jog = self.steering.follow(steering.as_ref(), &self.camera);
-        self.camera = jog.target;
+        self.camera = CameraPose { position_mm: self.inside(&jog.target.position_mm), ..jog.target };
         let capture = self.capture.observe(right.as_ref(), time_us);
-        let CameraPose { position_mm, orientation } = jog.target;
+        let CameraPose { position_mm, orientation } = self.camera;
         // Beyond the wire's 2 km; the camera's real limits are the robot's.
         let pose = WirePose::from_pose(&TorchPose { position_mm, orientation })
             .ok_or(Refusal::Value(Field::Reach))?;
-        Ok(wire::WireCameraPose { pose, region: number(jog.region), capture, clutch: jog.clutched })
+        Ok(wire::WireCameraPose { pose, region: number(jog.region), capture, clutch: jog.clutched, time_ms })
+    }
+
+    /// The nearest point of the workspace.
+    fn inside(&self, point_mm: &Point) -> Point {
+        let wire::JogLimits { least_um, most_um, .. } = self.limits;
+        let (least_mm, most_mm) = (Point::from(millimetres(least_um)), Point::from(millimetres(most_um)));
+        Point::from(point_mm.coords.sup(&least_mm.coords).inf(&most_mm.coords))
     }
 }
 
@@ -112,13 +169,13 @@ fn score(patch: &wire::WirePatch, workspace: &mut Workspace) -> Result<WireEdgeS
     let ball = Ball::new(patch.radius_um as f32 / 1000.0, Ball::LEAST).ok_or(Refusal::Value(Field::Size))?;
     let threshold =
         RatioThreshold::new(patch.threshold_milli as f32 / 1000.0).ok_or(Refusal::Value(Field::Size))?;
-    let points = patch.points.iter().map(|offset| Point::from(offset.um.map(|um| f32::from(um) / 1000.0)));
-    if !workspace.load(points, &ball) {
+    if !workspace.find(patch, &ball) {
         return Err(Refusal::Value(Field::Count));
     }
+    workspace.measure();
     let score = workspace.score(0, threshold).ok_or(Refusal::Value(Field::Count))?;
     Ok(WireEdgeScore {
-        neighbours: workspace.neighbours(0) as u8,
+        neighbours: workspace.0.neighbours(0) as u8,
         // Casts from float saturate.
         intensity_ppm: (score.intensity * 1e6) as u32,
         ratio_milli: if score.ratio < 4e6 { (score.ratio * 1e3) as u32 } else { u32::MAX },
@@ -153,13 +210,23 @@ mod tests {
     fn jog(steer_right: bool) -> Task {
         let start = WirePose { position_um: [400_000, 0, 300_000], orientation_q15: [0, Q15_ONE, 0, 0] };
         let (box_center_um, box_size_um) = ([0, 200_000, 0], [100_000; 3]);
-        Task::Jog(WireJog { start, box_center_um, box_size_um, steer_right })
+        // A quarter turn about x: the sensor lies flat.
+        let base_from_sensor_q15 = [23_170, 23_170, 0, 0];
+        Task::Jog(
+            WireJog { start, box_center_um, box_size_um, steer_right, base_from_sensor_q15 },
+            JOG_LIMITS,
+        )
     }
 
     fn last_pose(steer_right: bool, hands: impl Fn(u32) -> WireHandFrame) -> wire::WireCameraPose {
         let (mut tasks, mut workspace) = (Tasks::default(), EMPTY.clone());
         assert_eq!(tasks.perform(&jog(steer_right), &mut workspace), Answer::Done);
-        let mut frame = |i| match tasks.perform(&Task::HandFrame(hands(i)), &mut workspace) {
+        let frame = |i| {
+            let hands = hands(i);
+            let task = Task::HandFrame { hands, time_ms: hands.time_ms, anew: i == 0 };
+            (task, i)
+        };
+        let mut frame = |i| match tasks.perform(&frame(i).0, &mut workspace) {
             Answer::Pose(pose) => pose,
             other => panic!("{other:?}"),
         };

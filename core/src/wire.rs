@@ -7,22 +7,25 @@
 pub mod frame;
 mod host;
 mod pendant;
+pub mod port;
 pub mod pose;
 
 pub use frame::Unreadable;
 pub use host::{
-    Begin, Chunk, Command, FromHost, Hand, Hello, HostMessage, Offset, WireHandFrame, WireJog, WirePatch,
+    Attach, Begin, Chunk, Command, FromHost, Hand, Hello, HostMessage, Offset, Ping, ProcessTimes,
+    WireHandFrame, WireJog, WirePatch,
 };
 pub use pendant::{
-    Ack, Answer, ChunkRefusal, ChunkRefused, Counters, Field, FromPendant, HelloAck, HelloRefusal,
-    HelloRefused, Limits, PendantMessage, Refusal, Sample, Telemetry, WireCameraPose, WireEdgeScore,
+    Ack, Answer, AttachRefusal, ChunkRefusal, ChunkRefused, Counters, Field, FromPendant, HelloAck,
+    HelloRefusal, HelloRefused, JogLimits, Limits, PendantMessage, Refusal, Robot, Sample, Telemetry,
+    WireCameraPose, WireEdgeScore,
 };
 pub use pose::{Q15_ONE, WirePose, WireWaypoint};
 
 /// Protocol version; `Hello` carries it and a mismatch is refused with both numbers.
-pub const VERSION: u16 = 1;
+pub const VERSION: u16 = 2;
 /// CRC-32 of the golden messages of [`VERSION`] in their order: it differs if two builds lay out a message differently.
-pub const SCHEMA: u32 = 0x5446_5D23;
+pub const SCHEMA: u32 = 0x2602_1B8A;
 
 /// Waypoints in a chunk at most.
 pub const MAX_CHUNK: usize = 8;
@@ -35,23 +38,17 @@ pub const SACK_CHUNKS: u32 = 16;
 
 /// Session id out of both nonces: for a fixed one of them, no two of the other give the same id.
 pub fn session_id(boot: u32, host: u32) -> u32 {
-    let mut digest = CRC.digest();
-    digest.update(&boot.to_le_bytes());
-    digest.update(&host.to_le_bytes());
-    digest.finalize()
+    frame::checksum(&[&boot.to_le_bytes(), &host.to_le_bytes()])
 }
 
 /// Digest of an empty path of `total` waypoints.
 pub fn empty_digest(total: u32) -> u32 {
-    CRC.checksum(&total.to_le_bytes())
+    frame::checksum(&[&total.to_le_bytes()])
 }
 
 /// Digest of a path with one more waypoint: CRC-32 of (digest so far, [`WireWaypoint::to_bytes`]).
 pub fn extend_digest(digest: u32, waypoint: &WireWaypoint) -> u32 {
-    let mut next = CRC.digest();
-    next.update(&digest.to_le_bytes());
-    next.update(&waypoint.to_bytes());
-    next.finalize()
+    frame::checksum(&[&digest.to_le_bytes(), &waypoint.to_bytes()])
 }
 
 /// Digest of a whole path; `None` if it is too long for an index.
@@ -59,8 +56,6 @@ pub fn path_digest(path: &[WireWaypoint]) -> Option<u32> {
     let total = u32::try_from(path.len()).ok()?;
     Some(path.iter().fold(empty_digest(total), extend_digest))
 }
-
-static CRC: crc::Crc<u32> = frame::CRC32;
 
 // Largest encodings, from postcard's varints: 3 bytes for 16 bits, 5 for 32.
 const HEADER_BYTES: usize = 5 + 1;
@@ -79,9 +74,9 @@ pub const MAX_HOST_FRAME: usize = frame::encoded_bytes(MAX_FROM_HOST);
 pub const MAX_PENDANT_FRAME: usize = frame::encoded_bytes(MAX_FROM_PENDANT);
 
 /// Deframer of the pendant.
-pub type HostDeframer = frame::Deframer<{ MAX_FROM_HOST + frame::CRC_BYTES }>;
+pub type HostDeframer = frame::Deframer<{ frame::stuffed_bytes(MAX_FROM_HOST) }>;
 /// Deframer of the host.
-pub type PendantDeframer = frame::Deframer<{ MAX_FROM_PENDANT + frame::CRC_BYTES }>;
+pub type PendantDeframer = frame::Deframer<{ frame::stuffed_bytes(MAX_FROM_PENDANT) }>;
 
 const _: () = assert!(MAX_HOST_FRAME <= 512, "a frame of the host fits the receive buffer");
 const _: () = assert!(MAX_PENDANT_FRAME <= 512, "a frame of the pendant fits the transmit buffer");

@@ -1,9 +1,9 @@
 //! What the pendant needs of a board. The modules below are the only ones with `unsafe`.
 //!
 //! Every board module has: `start` (clocks, ports, interrupts; outputs stay off; the tick runs), which gives a
-//! `Watchdog` to feed and a number that differs from start to start; `wake_link`; `outputs_off` (from any context,
-//! without a queue or a lock); `watchdog_fired`; `NMI_CAUSE`. It calls [`crate::torch::tick`] every 2 ms and
-//! [`crate::serial::LINK`] from its port's interrupts, at the priorities in `cortex_m4`.
+//! `Watchdog` to feed, a number that differs from start to start and the board's straps; `wake_link` and `wake_robot`; `outputs_off` (from any context,
+//! without a queue or a lock); `watchdog_fired`; `NMI_CAUSE`; `LATE_TICKS`. It calls [`crate::torch::tick`] every 2 ms and
+//! [`crate::serial::LINK`] and [`crate::serial::ROBOT`] from its ports' interrupts, at the priorities in `cortex_m4`.
 
 mod cortex_m4;
 #[cfg(feature = "mps2-an386")]
@@ -13,45 +13,77 @@ mod stm32f407;
 
 pub use cortex_m4::{BootRecord, ResetCause, Shared, boot_record, guard_stack, reset, stack_used_bytes};
 #[cfg(feature = "mps2-an386")]
-pub use mps2_an386::{NMI_CAUSE, Stopwatch, Watchdog, outputs_off, start, wake_link, watchdog_fired};
+pub use mps2_an386::{
+    LATE_TICKS, NMI_CAUSE, Stopwatch, Watchdog, outputs_off, start, wake_link, wake_robot, watchdog_fired,
+};
 #[cfg(feature = "stm32f407")]
-pub use stm32f407::{NMI_CAUSE, Watchdog, outputs_off, start, wake_link, watchdog_fired};
+pub use stm32f407::{
+    LATE_TICKS, NMI_CAUSE, Watchdog, outputs_off, start, wake_link, wake_robot, watchdog_fired,
+};
 
 /// Pins that the torch reads. They are pins and never messages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Inputs {
-    /// The emergency stop is pressed, or its wire is broken.
-    pub estop: bool,
-    /// The enabling switch is held in its middle position.
-    pub enable: bool,
+    /// The emergency stop's two contacts: pressed, or the wire broken.
+    pub estop: [bool; 2],
+    /// The enabling switch's two contacts: held in the middle position.
+    pub enable: [bool; 2],
     /// The operator's local reset button.
     pub reset: bool,
     /// The power source says that current flows.
     pub established: bool,
-    /// The key switch is in manual: no faster than 250 mm/s.
+    /// The key switch is in manual.
     pub manual: bool,
+    /// The operator's button: the torch is where it has to begin or to go on.
+    pub confirm: bool,
+    /// The arc's charge pump is energised.
+    pub arc_readback: bool,
+    /// The motion enable's charge pump is energised.
+    pub motion_readback: bool,
 }
 
 impl Inputs {
     /// What an unknown state is taken for.
-    pub const SAFE: Self =
-        Self { estop: true, enable: false, reset: false, established: false, manual: true };
+    pub const SAFE: Self = Self {
+        estop: [true; 2],
+        enable: [false; 2],
+        reset: false,
+        established: false,
+        manual: true,
+        confirm: false,
+        arc_readback: false,
+        motion_readback: false,
+    };
+}
+
+/// How the board was set up, and came up: read once at the start, never messages and never guessed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Straps {
+    /// A robot port is fitted.
+    pub port: bool,
+    /// The clock is the one that it was built for; else no arc is armed.
+    pub clock: bool,
 }
 
 /// Pins that the torch drives.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Outputs {
-    /// Arc power.
+    /// Arc power, as it is meant.
     pub arc: bool,
     /// Shielding gas valve.
     pub gas: bool,
-    /// Motion enable of the robot.
+    /// Motion enable of the robot, as it is meant.
     pub motion: bool,
     /// Wire feed.
     pub wire: bool,
+    /// Level of the pin before the arc's charge pump: toggles with every tick while `arc`.
+    pub arc_pump: bool,
+    /// The same for motion.
+    pub motion_pump: bool,
 }
 
 impl Outputs {
     /// Nothing energised.
-    pub const OFF: Self = Self { arc: false, gas: false, motion: false, wire: false };
+    pub const OFF: Self =
+        Self { arc: false, gas: false, motion: false, wire: false, arc_pump: false, motion_pump: false };
 }

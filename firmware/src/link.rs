@@ -11,6 +11,9 @@ use crate::{serial, torch};
 static WORKSPACE: ConstStaticCell<Workspace> = ConstStaticCell::new(Workspace::empty());
 static DEFRAMER: ConstStaticCell<HostDeframer> = ConstStaticCell::new(HostDeframer::new());
 
+/// Bytes taken from the line at once: interrupts wait so long.
+const TAKEN: usize = 32;
+
 /// State of the line between two turns of the main loop.
 pub struct Link {
     deframer: &'static mut HostDeframer,
@@ -32,9 +35,18 @@ impl Link {
     /// Handles what has come and sends what is due and fits.
     pub fn turn(&mut self) {
         self.count_lost();
-        while let Some(byte) = serial::LINK.take_received() {
-            if let Some(received) = self.deframer.push(byte) {
-                handle(received, &mut self.tasks, self.workspace);
+        let mut taken = [0; TAKEN];
+        loop {
+            let mut rest = serial::LINK.take(&mut taken);
+            if rest.is_empty() {
+                break;
+            }
+            while !rest.is_empty() {
+                let received;
+                (received, rest) = self.deframer.feed(rest);
+                if let Some(received) = received {
+                    handle(received, &mut self.tasks, self.workspace);
+                }
             }
         }
         while serial::LINK.room() >= MAX_PENDANT_FRAME && report() {}

@@ -9,10 +9,10 @@ use weldpath_firmware::{board, torch};
 fn main() -> ! {
     board::guard_stack();
     let boot = board::boot_record();
-    let (mut watchdog, entropy) = board::start(&boot);
+    let (mut watchdog, entropy, straps) = board::start(&boot);
     let nonce = (entropy ^ boot.count).wrapping_mul(0x9e37_79b9);
     defmt::info!("boot {=u32} after {}, nonce {=u32:x}", boot.count, boot.cause, nonce);
-    torch::install(nonce);
+    torch::install(nonce, straps);
     let mut link = Link::new();
     let mut fed_at = torch::ticks();
     loop {

@@ -11,6 +11,9 @@ use crate::board;
 /// The host's line: room for two full chunks each way.
 pub static LINK: Port<1024, 1024> = Port::new(board::wake_link);
 
+/// The robot's line: some frames each way; what waits longer is late anyhow.
+pub static ROBOT: Port<256, 256> = Port::new(board::wake_robot);
+
 /// A serial port's queues.
 pub struct Port<const RX: usize, const TX: usize> {
     received: Mutex<RefCell<Deque<u8, RX>>>,
@@ -48,9 +51,14 @@ impl<const RX: usize, const TX: usize> Port<RX, TX> {
         self.lost.load(Relaxed)
     }
 
-    /// The oldest received byte.
-    pub fn take_received(&self) -> Option<u8> {
-        critical_section::with(|cs| self.received.borrow_ref_mut(cs).pop_front())
+    /// Moves the oldest received bytes to the start of `to`, as many as are there and fit, and gives that part back.
+    pub fn take<'t>(&self, to: &'t mut [u8]) -> &'t [u8] {
+        let taken = critical_section::with(|cs| {
+            let mut received = self.received.borrow_ref_mut(cs);
+            let places = to.iter_mut().map_while(|place| Some(*place = received.pop_front()?));
+            places.count()
+        });
+        to.get(..taken).unwrap_or_default()
     }
 
     /// Bytes that [`Self::send`] would take.

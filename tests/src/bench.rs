@@ -4,8 +4,8 @@ use weldpath_core::interlock::State;
 use weldpath_core::pendant::{self, Action, Panel, Pendant, Tick};
 use weldpath_core::wire::frame::{Received, encode};
 use weldpath_core::wire::{
-    self, Answer, Chunk, Command, FromHost, FromPendant, Hello, HostDeframer, HostMessage, MAX_HOST_FRAME,
-    PendantMessage, WireWaypoint,
+    self, Answer, Attach, Chunk, Command, FromHost, FromPendant, Hello, HostDeframer, HostMessage,
+    MAX_HOST_FRAME, PendantMessage, Ping, WireWaypoint,
 };
 
 use crate::world::{self, RING};
@@ -23,6 +23,8 @@ pub struct Bench {
     pub request: u16,
     /// Session id.
     pub session: u32,
+    /// Count of the ping sent last.
+    pub pings: u32,
     deframer: HostDeframer,
 }
 
@@ -36,14 +38,42 @@ impl Bench {
     pub fn with(config: &pendant::Config) -> Self {
         let pendant = Pendant::new(config, 1).expect("sound configuration");
         let deframer = HostDeframer::new();
-        let mut bench = Self { pendant, panel: Panel::default(), request: 0, session: 0, deframer };
-        bench.ticks(2);
-        bench.panel.enable = true;
+        let mut bench = Self { pendant, panel: Panel::default(), request: 0, session: 0, pings: 0, deframer };
         bench.ticks(2);
         bench.hello(NONCE);
         bench.session = wire::session_id(1, NONCE);
+        bench.grip();
         assert_eq!(bench.pendant.state(), State::Idle);
         bench
+    }
+
+    /// Lets the enabling switch go and grips it anew.
+    pub fn grip(&mut self) {
+        self.panel.enable = false;
+        self.ticks(2);
+        self.panel.enable = true;
+        self.ticks(2);
+    }
+
+    /// The operator says that the torch is where it is to begin or to go on.
+    pub fn confirm(&mut self) {
+        self.panel.confirm = true;
+        self.ticks(1);
+        self.panel.confirm = false;
+        self.ticks(1);
+    }
+
+    /// A Ping that is fresh.
+    pub fn ping(&mut self) -> Action {
+        self.pings = self.pings.wrapping_add(1);
+        let (count, echo) = (self.pings, self.pendant.telemetry().tick);
+        self.say(HostMessage::Ping(Ping { count, echo, token: 0 }))
+    }
+
+    /// Another host goes on with a path of the bench's.
+    pub fn attach(&mut self, nonce: u32, former: u32, path: u16, digest: u32) -> PendantMessage {
+        let hello = Hello { version: wire::VERSION, schema: wire::SCHEMA, nonce };
+        self.reply(HostMessage::Attach(Attach { hello, former, path, digest }))
     }
 
     /// A frame from the host, through framing and all.
@@ -113,6 +143,8 @@ impl Bench {
         let digest = wire::path_digest(waypoints).expect("short");
         assert_eq!(self.command(Command::Commit { path, digest }), Answer::Done);
         assert_eq!(self.pendant.state(), State::Ready);
+        self.grip();
+        self.confirm();
     }
 
     /// One tick; the power source strikes at once.
@@ -131,7 +163,7 @@ impl Bench {
 
     /// A tick after a ping, so that the session stays alive.
     pub fn lively_tick(&mut self) -> Tick {
-        let _ = self.say(HostMessage::Ping { token: 0 });
+        let _ = self.ping();
         self.tick()
     }
 

@@ -13,7 +13,7 @@ use weldpath_core::interlock::State;
 use weldpath_core::pendant::{Action, Panel, Pendant, Task};
 use weldpath_core::tasks::{Tasks, Workspace};
 use weldpath_core::wire::frame::encode;
-use weldpath_core::wire::{FromPendant, HostDeframer, MAX_PENDANT_FRAME};
+use weldpath_core::wire::{FromPendant, HostDeframer, MAX_PENDANT_FRAME, WirePose};
 
 use crate::adversary::Random;
 use crate::world::{self, RING};
@@ -41,6 +41,14 @@ pub struct Seen {
     pub arc_off_tick: u32,
     /// Tick in which bytes came last.
     pub heard_tick: u32,
+    /// Whether the operator confirms, while a path waits, that the torch is where the path begins.
+    pub confirms: bool,
+    /// Pose commanded last.
+    pub pose: WirePose,
+    /// Farthest from one set-point to the next, µm, whatever was between them.
+    pub jump_um: f32,
+    /// Whether there was a set-point yet.
+    pub moved: bool,
 }
 
 enum Event {
@@ -103,6 +111,10 @@ impl InProcess {
             arc_on_tick: 0,
             arc_off_tick: 0,
             heard_tick: 0,
+            confirms: true,
+            pose: WirePose::IDENTITY,
+            jump_um: 0.0,
+            moved: false,
         })));
         let board = Board {
             pendant,
@@ -130,6 +142,27 @@ impl InProcess {
         if let Some(seen) = self.lock().as_mut() {
             seen.panel.enable = held;
         }
+    }
+
+    /// Turns the key switch.
+    pub fn manual(&self, manual: bool) {
+        if let Some(seen) = self.lock().as_mut() {
+            seen.panel.manual = manual;
+        }
+    }
+
+    /// Whether the operator confirms where the torch is.
+    pub fn confirms(&self, confirms: bool) {
+        if let Some(seen) = self.lock().as_mut() {
+            seen.confirms = confirms;
+        }
+    }
+
+    /// Lets the switch go for some ticks and grips it.
+    pub fn grip(&self) {
+        self.enable(false);
+        thread::sleep(5 * TICK);
+        self.enable(true);
     }
 
     /// Waits for something to be seen.
@@ -259,9 +292,17 @@ impl Board {
         let shared = Arc::clone(&self.seen);
         let mut shared = shared.lock().expect("no panic while held");
         let Some(seen) = shared.as_mut() else { return false };
+        let waits = matches!(self.pendant.state(), State::Ready | State::Loading);
+        // A press of 40 ms every 80.
+        seen.panel.confirm = seen.confirms && waits && seen.tick % 40 < 20;
         let tick = self.pendant.tick(&seen.panel);
         seen.tick += 1;
         seen.state = self.pendant.state();
+        if let Some(point) = tick.set_point {
+            let jump_um = if seen.moved { seen.pose.distance_um(&point.pose) } else { 0.0 };
+            seen.jump_um = seen.jump_um.max(jump_um);
+            (seen.pose, seen.moved) = (point.pose, true);
+        }
         seen.segment = tick.set_point.map_or(seen.segment, |point| point.segment);
         match (seen.arc, tick.outputs.arc) {
             (false, true) => seen.arc_on_tick = seen.tick,

@@ -10,6 +10,7 @@ pub mod ros;
 pub mod urscript;
 
 pub mod adversary;
+pub mod arm;
 pub mod bench;
 pub mod browser;
 pub mod command;

@@ -5,7 +5,7 @@ mod panel;
 
 pub use client::Client;
 pub use panel::Panel;
-pub use weldpath::pendant::emulator::{Clock, Inputs, Seen, Wire};
+pub use weldpath::pendant::emulator::{Broken, Clock, Inputs, Seen, Wire};
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -74,14 +74,28 @@ impl Machine {
     /// The machine running, with its panel: everything released.
     pub fn boot(program: &Path, wire: Wire) -> Result<(Self, Panel), Error> {
         let mut machine = Self::load(program, wire, Clock::Host)?;
-        let panel = Panel::new(machine.emulator.panel()?);
+        let panel = Panel::new(machine.emulator.panel(false)?);
         machine.tell("cont")?;
         Ok((machine, panel))
+    }
+
+    /// The same with a robot port, whose socket comes with it.
+    pub fn boot_with_port(program: &Path, wire: Wire) -> Result<(Self, Panel, PathBuf), Error> {
+        let mut machine = Self::load(program, wire, Clock::Host)?;
+        let panel = Panel::new(machine.emulator.panel(true)?);
+        machine.tell("cont")?;
+        let robot = machine.emulator.robot();
+        Ok((machine, panel, robot))
     }
 
     /// The link's end.
     pub fn open_link(&self) -> io::Result<Line> {
         serial::open(self.emulator.address(), 115_200).map_err(io::Error::other)
+    }
+
+    /// Where the link is, as `--port` takes it.
+    pub fn address(&self) -> String {
+        self.emulator.address().to_string()
     }
 
     /// One command to the emulator: `cont`, `stop`, `system_reset`, `quit`.

@@ -5,7 +5,7 @@ use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::Path;
 use std::sync::MutexGuard;
 use std::thread;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use weldpath::pendant::serial;
 
@@ -66,7 +66,9 @@ impl Simulated {
         const SWITCH: &str = "waiting for the enabling switch";
         // Of a busy machine: the host itself was silent for too long, or waypoints came too late.
         const HELD: &str = "r resumes";
-        let all: Vec<&str> = parts.iter().copied().chain([STOPPED, SWITCH, HELD]).collect();
+        const CONFIRM: &str = "press confirm at the pendant";
+        const HANDS: &str = "waiting for the key switch in manual";
+        let all: Vec<&str> = parts.iter().copied().chain([STOPPED, SWITCH, HELD, CONFIRM, HANDS]).collect();
         let begin = Instant::now();
         loop {
             let line = host.wait_for(&all);
@@ -77,7 +79,15 @@ impl Simulated {
                 self.key(b'r');
             } else if line.contains(SWITCH) {
                 self.grip();
+            } else if line.contains(CONFIRM) {
+                self.key(b'c');
+            } else if line.contains(HANDS) {
+                self.key(b'm');
+                self.grip();
             } else {
+                self.grip();
+                // Its host has to hear of it before it resumes.
+                thread::sleep(Duration::from_millis(200));
                 host.press(b"r");
             }
         }

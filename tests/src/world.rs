@@ -7,8 +7,8 @@ use weldpath_core::pendant::{self, ALPHA_ONE, Action, Panel, Pendant, SetPoint, 
 use weldpath_core::sender::{self, Notice, Sender};
 use weldpath_core::wire::frame::{Received, decode, encode};
 use weldpath_core::wire::{
-    Begin, Command, FromPendant, HostDeframer, MAX_HOST_FRAME, MAX_PENDANT_FRAME, PendantDeframer, Q15_ONE,
-    Telemetry, WirePose, WireWaypoint,
+    Begin, Command, FromPendant, HostDeframer, MAX_HOST_FRAME, MAX_PENDANT_FRAME, PendantDeframer,
+    ProcessTimes, Q15_ONE, Telemetry, WirePose, WireWaypoint,
 };
 
 use crate::adversary::{Faults, Line, Random};
@@ -20,8 +20,15 @@ pub const RING: usize = 512;
 
 /// Short arc times, so that a test welds many seams.
 pub fn config() -> pendant::Config {
-    let arc =
-        ArcTimesMs { pre_flow: 10, strike: 100, lost: 20, crater_fill: 10, burn_back: 4, post_flow: 10 };
+    let arc = ArcTimesMs {
+        pre_flow: 10,
+        strike: 100,
+        lost: 20,
+        crater_fill: 10,
+        burn_back: 4,
+        post_flow: 10,
+        current_off: 20,
+    };
     pendant::Config { arc, ..pendant::Config::default() }
 }
 
@@ -69,6 +76,20 @@ pub fn begin(path: u16, waypoints: &[WireWaypoint], streamed: bool) -> Begin {
         reach_um: limits.reach_um,
         max_step_um: limits.max_step_um,
         min_half_turn_cos_q15: limits.min_half_turn_cos_q15,
+        arc: true,
+        times: times(),
+    }
+}
+
+/// Those of [`config`].
+pub fn times() -> ProcessTimes {
+    let ms = config().arc;
+    ProcessTimes {
+        pre_flow_ms: ms.pre_flow,
+        strike_ms: ms.strike,
+        crater_fill_ms: ms.crater_fill,
+        burn_back_ms: ms.burn_back,
+        post_flow_ms: ms.post_flow,
     }
 }
 
@@ -90,6 +111,8 @@ pub struct Counts {
     pub begun: u32,
     /// Paths followed to their end.
     pub finished: u32,
+    /// Paths that were followed to their end with a crater cut short on the way.
+    pub cut: u32,
     /// Paths that a reset, an E-stop or a hold for good ended.
     pub ended: u32,
     /// Segments followed.
@@ -148,6 +171,7 @@ pub struct World {
     boots: u32,
     streams: bool,
     seen_loading: bool,
+    at_end: bool,
     stalled_until_us: u64,
     pressed_until_us: u64,
     arc_ticks: u32,
@@ -183,6 +207,7 @@ impl World {
             boots: 1,
             streams: false,
             seen_loading: false,
+            at_end: false,
             stalled_until_us: 0,
             pressed_until_us: 0,
             arc_ticks: 0,
@@ -291,6 +316,12 @@ impl World {
         }
         self.panel.local_reset = latched && !self.panel.e_stop && !self.panel.local_reset;
         self.panel.established = self.arc_ticks > 3;
+        // He has the torch brought to the first waypoint, looks, and says so.
+        let first = self.path.first().filter(|_| self.pendant.path() == Some(self.path_id));
+        let unsaid =
+            seen.pins & Telemetry::POSE_KNOWN == 0 || first.is_some_and(|first| first.pose != seen.pose);
+        let waits = matches!(seen.state, State::Ready | State::Loading);
+        self.panel.confirm = self.operates && waits && unsaid && !self.panel.confirm;
     }
 
     fn pendant_turn(&mut self) {
@@ -369,7 +400,8 @@ impl World {
                 self.next_path();
             }
             State::Disabled | State::Idle if self.seen_loading || self.host.progress().is_none() => {
-                self.counts.ended += 1;
+                let ended = if self.at_end { &mut self.counts.cut } else { &mut self.counts.ended };
+                *ended += 1;
                 self.next_path();
             }
             State::Ready if ours => self.weld(Command::Start { path: self.path_id }),
@@ -418,6 +450,7 @@ impl World {
         self.path_id = self.path_id.wrapping_add(1);
         self.streams = streamed;
         self.seen_loading = false;
+        self.at_end = false;
         self.path = path;
         assert!(self.host.load(begin(self.path_id, &self.path, streamed), &self.path), "a session is open");
         self.counts.begun += 1;
@@ -446,6 +479,7 @@ impl World {
         } else {
             self.counts.altered += 1;
         }
+        self.at_end |= now.alpha_q24 == ALPHA_ONE && now.segment as usize + 2 == self.path.len();
         self.witness.last = Some(now);
     }
 
@@ -475,8 +509,11 @@ impl World {
         let speed = self.pendant.speed_um_s();
         let change = (speed - self.witness.speed_um_s) / (TICK_US as f32 * 1e-6);
         let config = config();
-        let bound =
-            if self.pendant.state() == State::Fault { config.emergency_um_s2 } else { config.accel_um_s2 };
+        let seen = self.pendant.telemetry();
+        let disabled =
+            seen.cause == Some(Cause::EnableLost) || seen.state == State::Holding && !self.panel.enable;
+        let hard = seen.state == State::Fault || disabled;
+        let bound = if hard { config.emergency_um_s2 } else { config.accel_um_s2 };
         let stops = speed == 0.0 && change > -2.0 * bound as f32;
         self.counts.rough += u64::from(!stops && change.abs() > bound as f32 * 1.02 + 10.0);
         self.witness.speed_um_s = speed;

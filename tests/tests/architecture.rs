@@ -16,7 +16,7 @@ const CORE: &[(&str, &[&str])] = &[
     ("path", &["math", "rotation"]),
     ("interlock", &[]),
     ("wire", &["math", "path", "interlock"]),
-    ("pendant", &["math", "path", "interlock", "wire"]),
+    ("pendant", &["math", "rotation", "path", "interlock", "wire"]),
     ("sender", &["interlock", "wire"]),
     ("tasks", &["math", "gesture", "seam", "path", "wire", "pendant"]),
 ];
@@ -202,6 +202,7 @@ fn algorithms_of_the_host_read_and_write_no_file() {
         "cli",
         "pendant/emulator",
         "pendant/teleop",
+        "pendant/link/saved",
     ];
     let src = root().join("host/src");
     let shell = |path: &Path| {

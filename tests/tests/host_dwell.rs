@@ -84,6 +84,7 @@ fn hold_and_e_stop_while_the_torch_stands_put_the_arc_out_and_a_resume_stands_th
     assert_eq!(bench.command(Command::Hold), Answer::Done);
     assert!(bench.until(State::Held, 100));
     assert!(!bench.lively_tick().outputs.arc);
+    bench.grip();
     let (path, changes, back_um) = (1, bench.pendant.telemetry().changes, 0);
     assert_eq!(bench.command(Command::ArcArm { armed: true }), Answer::Done);
     assert_eq!(bench.command(Command::Resume { path, changes, back_um }), Answer::Done);

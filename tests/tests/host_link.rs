@@ -21,6 +21,7 @@ use weldpath_core::wire::frame::{self, Received};
 use weldpath_core::wire::{
     self, FromHost, FromPendant, HelloRefusal, HelloRefused, HostDeframer, HostMessage, PendantMessage,
 };
+use weldpath_tests::adversary::Random;
 use weldpath_tests::command::{Running, ends_well, weldpath};
 use weldpath_tests::in_process::InProcess;
 use weldpath_tests::shared_data;
@@ -79,6 +80,8 @@ fn a_program_is_loaded_held_resumed_and_finished_over_a_pty_that_damages_bytes()
     let held = pendant.wait_for("the hold", |seen| seen.state == State::Held);
     assert!(!held.arc);
     host.wait_for(&["hold was asked for; r resumes"]);
+    pendant.grip();
+    std::thread::sleep(std::time::Duration::from_millis(200));
     host.press(b"r");
     pendant.wait_for("the arc again", |seen| seen.arc && seen.segment + 3 >= held.segment);
     assert!(ended_well(host).contains("loaded 6"));
@@ -159,6 +162,8 @@ fn at_a_terminal_single_keys_start_hold_resume_and_stop_and_it_is_given_back_as_
         keyboard.write_all(hold).unwrap();
         pendant.wait_for("the hold", |seen| seen.state == State::Held);
         host.wait_for(&["hold was asked for; r resumes"]);
+        pendant.grip();
+        std::thread::sleep(std::time::Duration::from_millis(200));
         keyboard.write_all(b"r").unwrap();
         pendant.wait_for("the arc again", |seen| seen.arc);
     }
@@ -247,7 +252,7 @@ fn stop_ends_the_weld_for_good_and_says_so_by_its_exit_code() {
     let ended = host.end();
     assert_eq!(ended.code, Some(7), "{}", ended.said);
     assert!(ended.said.contains("stop was asked for"), "{}", ended.said);
-    assert!(!pendant.wait_for("the abort", |seen| seen.state == State::Idle).arc);
+    assert!(!pendant.wait_for("the abort", |seen| seen.state == State::Disabled).arc);
 }
 
 #[test]
@@ -324,7 +329,14 @@ fn the_made_recording_captures_six_views_through_all_regions_with_clutch_and_los
     let frames = generator::recording(&setup, &poses).unwrap();
     let pendant = InProcess::on_socket().unwrap();
     let link = Link::open(serial::open(&pendant.port.parse().unwrap(), 115_200).unwrap()).unwrap();
-    let session = teleop::play(&frames, &setup, |command| link.ask(command)).unwrap();
+    pendant.manual(true);
+    pendant.grip();
+    pendant.wait_for("the switch", |seen| seen.state == State::Idle);
+    let session =
+        teleop::play(&frames, &setup, &link.pendant().limits.jog, teleop::Pace::Recorded, |command| {
+            link.ask(command)
+        })
+        .unwrap();
     assert_eq!((session.captures.len(), session.agreed), (6, session.frames));
     assert!(session.latency.iter().all(|motion| motion.len() > 100), "over 100 actions each");
     assert!(session.clutched >= 30 && session.lost >= 20);
@@ -373,8 +385,101 @@ fn on_wave_the_camera_turns_no_more_than_the_hand_over_the_link() {
     let pendant = InProcess::on_socket().unwrap();
     let link = Link::open(serial::open(&pendant.port.parse().unwrap(), 115_200).unwrap()).unwrap();
     let frames = recording::read(&file).unwrap();
-    let session = teleop::play(&frames, &setup, |command| link.ask(command)).unwrap();
+    let session =
+        teleop::play(&frames, &setup, &link.pendant().limits.jog, teleop::Pace::Recorded, |command| {
+            link.ask(command)
+        })
+        .unwrap();
     assert!(session.latency[0].len() > 100, "rotation throughout");
     assert!(session.largest_turn_rad > 0.0 && session.largest_turn_rad.to_degrees() < 7.35);
     assert_eq!(session.agreed, session.frames);
+}
+
+#[test]
+fn a_path_that_begins_elsewhere_is_not_started_and_the_operator_told_how_far_it_is() {
+    let (pendant, folder) = (InProcess::on_socket().unwrap(), tempfile::tempdir().unwrap());
+    pendant.confirms(false);
+    let mut host = Running::start(&mut command(&pendant, folder.path(), &[]));
+    grip(&pendant);
+    host.wait_for(&["press confirm at the pendant"]);
+    pendant.confirms(true);
+    ended_well(host);
+    // The torch is at the program's end now, 200 mm from where it begins.
+    pendant.confirms(false);
+    pendant.enable(false);
+    let mut host = Running::start(&mut command(&pendant, folder.path(), &[]));
+    grip(&pendant);
+    host.wait_for(&["200.0 mm and 0.0 degrees from where it has to be"]);
+    host.press(b"s");
+    assert_eq!(host.end().code, Some(7));
+    // With the slow way there, the arc barred, it needs no confirmation.
+    pendant.enable(false);
+    let struck = pendant.seen().arc_on_tick;
+    let mut host = Running::start(&mut command(&pendant, folder.path(), &["--approach"]));
+    host.wait_for(&["approach, slowly, with the arc barred"]);
+    grip(&pendant);
+    host.wait_for(&["finished"]);
+    assert_eq!(pendant.seen().arc_on_tick, struck, "no arc on the approach");
+    pendant.wait_for("the weld's load", |seen| seen.state == State::Ready);
+    pendant.grip();
+    ended_well(host);
+    assert!(pendant.seen().jump_um < 2_000.0, "{:?}", pendant.seen());
+}
+
+/// Kills the host at a random moment of a weld, goes on with it, and looks for jumps and strikes that nobody asked for.
+fn killed_and_resumed(seed: u64) {
+    let (pendant, folder) = (InProcess::on_socket().unwrap(), tempfile::tempdir().unwrap());
+    let mut random = Random::new(seed);
+    let at = 2 + random.below(55) as u32;
+    let host = stream(&pendant, folder.path());
+    grip(&pendant);
+    pendant.wait_for("the weld", |seen| seen.segment >= at && seen.arc_on_tick > 0);
+    thread::sleep(std::time::Duration::from_micros(random.below(60_000)));
+    host.kill();
+    let held = pendant.wait_for("the hold", |seen| seen.state == State::Held);
+    let mut host = Running::start(&mut command(&pendant, folder.path(), &["--resume", "--back-mm", "2"]));
+    host.wait_for(&["waiting for the enabling switch"]);
+    thread::sleep(std::time::Duration::from_millis(300));
+    let waiting = pendant.seen();
+    assert_eq!(
+        (waiting.state, waiting.arc_on_tick),
+        (State::Held, held.arc_on_tick),
+        "seed {seed}: no strike"
+    );
+    pendant.grip();
+    ended_well(host);
+    let seen = pendant.seen();
+    assert!(seen.jump_um <= 2_000.0, "seed {seed}: a jump of {} um", seen.jump_um);
+    assert!(seen.arc_on_tick > held.arc_on_tick, "seed {seed}: welded on");
+    assert!(seen.segment >= 62, "seed {seed}: to the end");
+}
+
+#[test]
+fn a_host_killed_at_five_random_moments_of_a_weld_is_gone_on_with() {
+    (1..=5).for_each(killed_and_resumed);
+}
+
+/// On demand: `cargo test -p weldpath-tests --test host_link -- --ignored fifty`.
+#[test]
+#[ignore = "two minutes"]
+fn a_host_killed_at_fifty_random_moments_of_a_weld_is_gone_on_with() {
+    (1..=50).for_each(killed_and_resumed);
+}
+
+#[test]
+fn a_pendant_that_remembers_nothing_is_given_the_rest_with_a_lead_in() {
+    let (pendant, folder) = (InProcess::on_socket().unwrap(), tempfile::tempdir().unwrap());
+    let ended = Running::start(&mut command(&pendant, folder.path(), &["--resume"])).end();
+    assert_eq!(ended.code, Some(4), "{}", ended.said);
+    assert!(ended.said.contains("stream.session.json"), "{}", ended.said);
+    let host = Running::start(&mut command(&pendant, folder.path(), &["--from-waypoint", "40"]));
+    grip(&pendant);
+    ended_well(host);
+    let seen = pendant.seen();
+    assert!(seen.segment >= 22 && seen.segment < 40, "the rest only: {seen:?}");
+    let ended = Running::start(&mut command(&pendant, folder.path(), &["--resume"])).end();
+    assert_eq!(ended.code, Some(6), "{}", ended.said);
+    assert!(ended.said.contains("nothing to go on with"), "{}", ended.said);
+    let ended = Running::start(&mut command(&pendant, folder.path(), &["--from-mm", "9999"])).end();
+    assert_eq!(ended.code, Some(2), "{}", ended.said);
 }

@@ -33,6 +33,7 @@ fn held(waypoints: &[WireWaypoint]) -> Bench {
     bench.lively_ticks(200);
     assert_eq!(bench.command(Command::Hold), Answer::Done);
     assert!(bench.until(State::Held, 500));
+    bench.grip();
     bench
 }
 
@@ -57,7 +58,11 @@ fn a_late_frame_of_an_old_session_moves_nothing() {
     let Action::Send(refused) = bench.frame(&old) else { panic!("no answer") };
     assert_eq!((refused.session, refused.message), (old.session, PendantMessage::NoSession { boot: 1 }));
     bench.ticks(10);
-    assert_eq!((bench.pendant.state(), bench.pendant.speed_um_s()), (State::Idle, 0.0));
+    assert_eq!(
+        (bench.pendant.state(), bench.pendant.speed_um_s()),
+        (State::Disabled, 0.0),
+        "to be gripped anew"
+    );
 }
 
 #[test]
@@ -344,6 +349,8 @@ fn an_underrun_stops_on_the_path_before_its_end_with_the_arc_off() {
     let early = bench.command(Command::Start { path: 1 });
     assert_eq!(early, Answer::Refused(Refusal::State(State::Loading)), "less than half of the ring");
     (0..64).for_each(|number| drop(bench.chunk(1, &path, number)));
+    bench.grip();
+    bench.confirm();
     assert_eq!(bench.command(Command::ArcArm { armed: true }), Answer::Done);
     assert_eq!(bench.command(Command::Start { path: 1 }), Answer::Done);
     let mut last = None;
@@ -355,6 +362,7 @@ fn an_underrun_stops_on_the_path_before_its_end_with_the_arc_off() {
     }
     let seen = bench.pendant.telemetry();
     assert_eq!((seen.state, seen.cause), (State::Held, Some(Cause::Underrun)));
+    bench.grip();
     let last = last.expect("it moved");
     assert!((253..=254).contains(&last.segment), "{last:?}");
     assert_eq!(bench.command(Command::ArcArm { armed: true }), Answer::Done);
@@ -415,7 +423,7 @@ fn a_stop_is_for_good() {
     let go = resume(&bench);
     assert_eq!(bench.command(go), Answer::Refused(Refusal::NotResumable(Cause::Stop)));
     assert_eq!(bench.command(Command::Abort { path: 1 }), Answer::Done);
-    assert_eq!(bench.pendant.state(), State::Idle);
+    assert_eq!(bench.pendant.state(), State::Disabled, "to be gripped anew after a hold");
 }
 
 #[test]
@@ -456,6 +464,8 @@ fn a_load_needs_no_switch_but_motion_does() {
     bench.panel.enable = false;
     let _ = bench.lively_tick();
     bench.load(1, &straight(100, true));
+    bench.panel.enable = false;
+    let _ = bench.lively_tick();
     assert_eq!(bench.command(Command::Start { path: 1 }), Answer::Refused(Refusal::NotEnabled));
     bench.panel.enable = true;
     let _ = bench.lively_tick();
@@ -481,7 +491,7 @@ fn manual_mode_bounds_the_speed_whatever_the_path_says() {
     let config = pendant::Config { max_feed_um_s: 500_000, min_step_um: 100, ..world::config() };
     let mut path = straight(500, false);
     path.iter_mut().for_each(|waypoint| waypoint.feed_um_s = 500_000);
-    for (manual, fastest) in [(false, 500_000.0), (true, 250_000.0)] {
+    for (manual, fastest) in [(false, 500_000.0), (true, 25_000.0)] {
         let mut bench = Bench::with(&config);
         bench.panel.manual = manual;
         bench.load(1, &path);
@@ -509,10 +519,19 @@ fn gestures_and_scores_are_answered_only_while_nothing_moves() {
     let mut bench = Bench::enabled();
     let request = 1;
     let message = HostMessage::Control { request, command: Command::HandFrame(hands) };
-    assert_eq!(bench.say(message.clone()), Action::Perform { request, task: Task::HandFrame(hands) });
+    bench.panel.manual = true;
+    let _ = bench.lively_tick();
+    let time_ms = 2 * bench.pendant.telemetry().tick;
+    let task = Task::HandFrame { hands, time_ms, anew: true };
+    assert_eq!(bench.say(message.clone()), Action::Perform { request, task });
     assert_eq!(bench.say(message.clone()), Action::Idle, "under way: not computed twice");
-    let pose =
-        Answer::Pose(WireCameraPose { pose: WirePose::IDENTITY, region: 0, capture: false, clutch: true });
+    let pose = Answer::Pose(WireCameraPose {
+        pose: WirePose::IDENTITY,
+        region: 0,
+        capture: false,
+        clutch: true,
+        time_ms: 8,
+    });
     assert!(matches!(bench.pendant.answer(request, pose), Action::Send(_)));
     assert_eq!(bench.reply(message), PendantMessage::Reply { request, answer: pose });
     assert_eq!(bench.pendant.answer(request, Answer::Done), Action::Idle, "answered once");
@@ -525,7 +544,7 @@ fn a_right_checksum_around_nonsense_gets_a_typed_refusal() {
         (&[0xFF, 0xFF, 0xFF][..], Unreadable::Malformed),
         (&[][..], Unreadable::Malformed),
         (&[1, 9, 0][..], Unreadable::Malformed),
-        (&[1, 3, 5, 0][..], Unreadable::Trailing),
+        (&[1, 3, 5, 0, 1, 0][..], Unreadable::Trailing),
     ] {
         let Action::Send(answer) = bench.payload(payload) else { panic!("silence") };
         assert_eq!(answer.message, PendantMessage::Unread(why));

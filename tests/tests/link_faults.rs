@@ -35,21 +35,22 @@ fn run(name: &str, faults: Faults, events: Events, frames: u64, seed: u64, inter
     let sent = world.host.statistics();
     let resent = 100.0 * sent.resent as f64 / sent.waypoints.max(1) as f64;
     println!(
-        "{name} seed {seed}: {} frames {:.0} s | paths {} begun {} finished {} ended | {} segments | resent {resent:.1} %",
+        "{name} seed {seed}: {} frames {:.0} s | paths {} begun {} finished {} cut short {} ended | {} segments | resent {resent:.1} %",
         world.frames(),
         world.now_us as f64 * 1e-6,
         counts.begun,
         counts.finished,
+        counts.cut,
         counts.ended,
         counts.segments
     );
     let refused = if interrupted { 0 } else { counts.refused };
-    let faultless = Counts { begun: 0, finished: 0, ended: 0, segments: 0, refused, ..counts };
+    let faultless = Counts { begun: 0, finished: 0, cut: 0, ended: 0, segments: 0, refused, ..counts };
     assert_eq!(faultless, Counts::default(), "{name}, seed {seed}");
     assert!(counts.finished > 10, "{name}, seed {seed}: {counts:?}");
     if !interrupted {
         assert_eq!(
-            (counts.ended, counts.begun - counts.finished),
+            (counts.ended, counts.begun - counts.finished - counts.cut),
             (0, 1),
             "{name}, seed {seed}: the last is under way"
         );

@@ -76,6 +76,7 @@ fn command(random: &mut Random, seen: &Telemetry, path: &[WireWaypoint]) -> Comm
             box_center_um: pose(random).position_um,
             box_size_um: [0; 3].map(|_: u32| number(random)),
             steer_right: random.chance(0.5),
+            base_from_sensor_q15: pose(random).orientation_q15,
         }),
         3 => Command::HandFrame(WireHandFrame {
             time_ms: number(random),
@@ -140,7 +141,14 @@ fn message(random: &mut Random, bench: &mut Bench, path: &[WireWaypoint]) -> Fro
     let session = if random.chance(0.99) { bench.session } else { number(random) };
     let message = match random.below(20) {
         0 => HostMessage::Hello(Hello { version: VERSION, schema: SCHEMA, nonce: random.below(3) as u32 }),
-        1 => HostMessage::Ping { token: number(random) },
+        1 => {
+            bench.pings = bench.pings.wrapping_add(1);
+            // One from far ahead that counts would silence the honest ones for good.
+            let count =
+                if random.chance(0.9) { bench.pings } else { bench.pings.wrapping_sub(number(random) >> 1) };
+            let echo = if random.chance(0.9) { seen.tick } else { number(random) };
+            HostMessage::Ping(Ping { count, echo, token: number(random) })
+        }
         2 => HostMessage::FaultSeen { number: number(random) as u16 },
         3..=9 => {
             bench.request =
@@ -176,15 +184,18 @@ fn check(bench: &mut Bench) {
 
 fn pull_at_pins(random: &mut Random, bench: &mut Bench) {
     bench.panel.e_stop = random.chance(0.001);
-    bench.panel.enable = random.chance(0.995);
+    let counts = bench.pendant.telemetry().pins & Telemetry::ENABLED != 0;
+    bench.panel.enable = if counts { random.chance(0.995) } else { !bench.panel.enable };
     bench.panel.local_reset = random.chance(0.2);
-    bench.panel.manual = random.chance(0.5);
+    bench.panel.manual ^= random.chance(0.002);
+    bench.panel.confirm = random.chance(0.2);
+    bench.panel.defect = random.chance(0.0005).then_some(weldpath_core::interlock::Fault::Channels);
 }
 
 /// After silence another host may open a session.
 fn next_host(bench: &mut Bench, nonce: u32) {
     let PendantMessage::HelloAck(ack) = bench.hello(nonce) else { panic!("silent and standing") };
-    (bench.session, bench.request) = (session_id(ack.boot, nonce), 0);
+    (bench.session, bench.request, bench.pings) = (session_id(ack.boot, nonce), 0, 0);
 }
 
 #[test]
@@ -266,7 +277,8 @@ fn a_sender_survives_any_pendant() {
         if round % 1_000 == 0 {
             sender.open(round as u32);
             let limits = Limits { ring: number(&mut random), ..limits() };
-            let ack = HelloAck { version: VERSION, nonce: round as u32, boot: 1, limits };
+            let ack =
+                HelloAck { version: VERSION, nonce: round as u32, boot: 1, tick: 7, request: 0, limits };
             let _ =
                 sender.receive(FromPendant { session: 9, message: PendantMessage::HelloAck(ack) }, now_us);
             assert!(sender.load(begin(1, &path, true), &path));
@@ -292,7 +304,7 @@ fn pendant_message(random: &mut Random) -> PendantMessage {
     let ack = Ack { path: 1, next: number(random), sack: random.bits() as u16, limit: number(random) };
     match random.below(6) {
         0 | 1 => PendantMessage::Reply { request: random.below(4) as u16, answer: Answer::Done },
-        2 => PendantMessage::Pong { token: number(random) },
+        2 => PendantMessage::Pong { token: number(random), tick: number(random) },
         3 => PendantMessage::FaultReport {
             number: number(random) as u16,
             fault: weldpath_core::interlock::Fault::Digest,

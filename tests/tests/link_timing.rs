@@ -1,5 +1,5 @@
-//! When the link falls silent: arc off and out of Running within 200 ms and one tick of the last valid byte, counted
-//! in the pendant's ticks, and standstill on the path after the stopping distance.
+//! When the link falls silent, in either direction: arc off and out of Running within 200 ms and one tick of the last valid
+//! byte, counted in the pendant's ticks, and standstill on the path after the stopping distance.
 
 use weldpath_core::interlock::{Cause, State};
 use weldpath_core::pendant::ALPHA_ONE;
@@ -84,7 +84,8 @@ fn worst(name: &str, silence: impl Fn(&mut World)) {
     let ticks: Vec<u32> = ticks.collect();
     let (least, most) = (ticks.iter().min(), ticks.iter().max());
     println!("{name}: arc off {least:?} to {most:?} ticks after the last byte, at most {LIMIT_TICKS}");
-    assert!(least.is_some_and(|&least| least >= 100), "not before 200 ms either");
+    // The time runs from the echo of the last ping: the pendant's own time, 70 ms before at most on this line.
+    assert!(least.is_some_and(|&least| least >= 100 - 35), "not much before 200 ms either");
 }
 
 #[test]
@@ -106,11 +107,17 @@ fn a_half_open_line_ends_the_arc_in_time() {
 }
 
 #[test]
-fn a_line_that_is_deaf_the_other_way_does_not_matter() {
+fn a_line_that_is_deaf_the_other_way_is_half_open_too() {
     let mut world = welding(1);
     world.down.cut(true);
-    (0..400).for_each(|_| world.step());
-    assert_eq!(world.pendant.state(), State::Running, "the pendant hears its host");
+    (0..30).for_each(|_| world.step());
+    assert_eq!(world.pendant.state(), State::Running, "the echo is not too old yet");
+    (0..100).for_each(|_| world.step());
+    assert_eq!(
+        world.pendant.telemetry().cause,
+        Some(Cause::Silence),
+        "no ping brings back a time that is new"
+    );
 }
 
 #[test]

@@ -57,6 +57,9 @@ fn every_command_of_the_guide_does_what_it_says() {
         if let (true, Some(pendant)) = (command.starts_with("weldpath stream"), &mut pendant) {
             pendant.operate(&mut running, &["finished"]);
         }
+        if let (true, Some(pendant)) = (command.starts_with("weldpath scan --hands"), &mut pendant) {
+            pendant.operate(&mut running, &["poses are the host's own"]);
+        }
         let ended = running.end();
         assert_eq!(ended.code, Some(0), "`{command}`: {}", ended.said);
         assert!(!ended.said.is_empty(), "`{command}` says nothing");

@@ -51,6 +51,7 @@ pub struct ArcTimes {
     crater_fill: u16,
     burn_back: u16,
     post_flow: u16,
+    current_off: u16,
 }
 
 /// How long the phases last, ms; rounded up to ticks.
@@ -68,11 +69,22 @@ pub struct ArcTimesMs {
     pub burn_back: u16,
     /// Gas after the arc, at most 30 s.
     pub post_flow: u16,
+    /// How long current may flow after the arc was put out, 2 ms to 1 s: a source's choke runs empty and its relay
+    /// falls off. Longer is a fault.
+    pub current_off: u16,
 }
 
 impl Default for ArcTimesMs {
     fn default() -> Self {
-        Self { pre_flow: 200, strike: 1000, lost: 100, crater_fill: 300, burn_back: 60, post_flow: 500 }
+        Self {
+            pre_flow: 200,
+            strike: 1000,
+            lost: 100,
+            crater_fill: 300,
+            burn_back: 60,
+            post_flow: 500,
+            current_off: 150,
+        }
     }
 }
 
@@ -86,6 +98,7 @@ impl ArcTimes {
             (ms.crater_fill, 0, 5_000),
             (ms.burn_back, 0, 1_000),
             (ms.post_flow, 0, 30_000),
+            (ms.current_off, 2, 1_000),
         ];
         let within = bounds.into_iter().all(|(time, least, most)| (least..=most).contains(&time));
         let ticks = |time: u16| u16::try_from((u32::from(time) * 1000).div_ceil(tick_us.max(1))).ok();
@@ -99,7 +112,13 @@ impl ArcTimes {
             crater_fill: ticks(ms.crater_fill)?,
             burn_back: ticks(ms.burn_back)?,
             post_flow: ticks(ms.post_flow)?,
+            current_off: ticks(ms.current_off)?,
         })
+    }
+
+    /// Ticks for which current may flow after the arc was put out.
+    pub(super) const fn current_off(&self) -> u16 {
+        self.current_off
     }
 }
 

@@ -2,11 +2,12 @@
 
 use super::drive::Drive;
 use super::ring::{Ring, Slots};
+use super::robot::inverted;
 use super::{Action, Pendant, Requests, Task};
-use crate::interlock::{Event, Refused, State};
+use crate::interlock::{ArcTimes, ArcTimesMs, Event, Refused, State};
 use crate::wire::{
-    Answer, Begin, Command, Field, Hand, MAX_CHUNK, PendantMessage, Refusal, WireHandFrame, WireJog,
-    WirePatch, WirePose,
+    Answer, Begin, Command, Field, Hand, JogLimits, MAX_CHUNK, PendantMessage, ProcessTimes, Refusal,
+    WireHandFrame, WireJog, WirePatch, WirePose,
 };
 
 impl<const RING: usize, S: Slots> Pendant<RING, S> {
@@ -36,8 +37,8 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
     fn execute(&mut self, command: Command) -> Result<Executed, Refusal> {
         match command {
             Command::GetLimits => return Ok(Executed::Now(Answer::Limits(self.limits))),
-            Command::SetJog(jog) => return self.while_standing(Task::Jog(checked_jog(jog)?)),
-            Command::HandFrame(hands) => return self.while_standing(Task::HandFrame(checked_hands(hands)?)),
+            Command::SetJog(jog) => return self.set_jog(jog),
+            Command::HandFrame(hands) => return self.hand_frame(hands),
             Command::Score(patch) => return self.while_standing(Task::Score(checked_patch(patch)?)),
             Command::SetTool { tool } => self.set_tool(&tool)?,
             Command::Begin(begin) => self.begin(&begin)?,
@@ -46,7 +47,7 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
                 self.named(path)?;
                 self.ask(Event::Abort)?;
             }
-            Command::ArcArm { armed } => self.ask(Event::Arm(armed))?,
+            Command::ArcArm { armed } => self.arm(armed)?,
             Command::Start { path } => self.start(path)?,
             Command::Hold => self.ask(Event::Hold)?,
             Command::Stop => self.ask(Event::Stop)?,
@@ -57,17 +58,56 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
         Ok(Executed::Now(Answer::Done))
     }
 
+    fn set_jog(&mut self, jog: WireJog) -> Result<Executed, Refusal> {
+        let jog = checked_jog(jog, &self.limits.jog)?;
+        if let Some(here) = self.robot.as_ref().map(|robot| robot.torch()) {
+            self.check_near(&here.ok_or(Refusal::Robot)?, &jog.start)?;
+        }
+        self.while_standing(Task::Jog(jog, self.limits.jog))
+    }
+
+    fn hand_frame(&mut self, hands: WireHandFrame) -> Result<Executed, Refusal> {
+        self.may_jog()?;
+        let hands = checked_hands(hands)?;
+        let time_ms = (u64::from(self.ticks) * u64::from(self.config.tick_us) / 1000) as u32;
+        let anew = self.begin_jogging();
+        Ok(Executed::Later(Task::HandFrame { hands, time_ms, anew }))
+    }
+
+    fn arm(&mut self, armed: bool) -> Result<(), Refusal> {
+        if armed && (!self.config.can_weld || self.loaded && !self.ring.begin().arc) {
+            return Err(Refusal::ArcBarred);
+        }
+        self.ask(Event::Arm(armed))
+    }
+
     fn while_standing(&self, task: Task) -> Result<Executed, Refusal> {
         if self.stands() { Ok(Executed::Later(task)) } else { Err(Refusal::Moving) }
     }
 
     fn ask(&mut self, event: Event) -> Result<(), Refusal> {
-        self.fire(event).map_err(|refused| match refused {
+        self.fire(event).map_err(|refused| self.refusal(refused))
+    }
+
+    fn refusal(&self, refused: Refused) -> Refusal {
+        match refused {
             Refused::State(state) => Refusal::State(state),
             Refused::NotEnabled => Refusal::NotEnabled,
             Refused::EStop => Refusal::EStop,
             Refused::NotResumable(cause) => Refusal::NotResumable(cause),
-        })
+            Refused::TooFast => Refusal::TooFast { at: self.drive.segment() },
+        }
+    }
+
+    /// Whether the torch may be set in motion by this event: what the interlock says of it, where the torch is, and, in
+    /// manual with the arc armed, whether everything to be welded is slow enough: it is refused, never welded slower.
+    fn check_go(&self, event: Event) -> Result<(), Refusal> {
+        self.interlock.step(event, &self.inputs()).2.map_err(|refused| self.refusal(refused))?;
+        self.check_place()?;
+        let feed_um_s = self.limits.manual_feed_um_s;
+        let bound = self.panel.manual && self.interlock.is_armed();
+        let faster = bound.then(|| self.ring.faster_weld(self.drive.segment(), feed_um_s)).flatten();
+        faster.map_or(Ok(()), |at| Err(Refusal::TooFast { at }))
     }
 
     fn named(&self, path: u16) -> Result<(), Refusal> {
@@ -78,19 +118,35 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
         if !self.stands() {
             return Err(Refusal::Moving);
         }
-        self.tool = checked_pose(*tool)?;
+        self.torch_from_flange = inverted(tool).ok_or(Refusal::Value(Field::Orientation))?;
+        self.tool = *tool;
         Ok(())
     }
 
     fn begin(&mut self, begin: &Begin) -> Result<(), Refusal> {
         self.check_begin(begin)?;
+        let times = self.arc_times(&begin.times).ok_or(Refusal::Value(Field::Time))?;
         self.ask(Event::Begin)?;
+        self.interlock = self.interlock.timed(times);
         self.used_path = Some(begin.path);
         self.ring.open(begin);
         self.loaded = true;
         self.started = false;
         self.drive = Drive::new();
         Ok(())
+    }
+
+    /// The path's times, with the board's own of what is no matter of the weld.
+    fn arc_times(&self, times: &ProcessTimes) -> Option<ArcTimes> {
+        let ms = ArcTimesMs {
+            pre_flow: times.pre_flow_ms,
+            strike: times.strike_ms,
+            crater_fill: times.crater_fill_ms,
+            burn_back: times.burn_back_ms,
+            post_flow: times.post_flow_ms,
+            ..self.config.arc
+        };
+        ArcTimes::new(&ms, self.config.tick_us)
     }
 
     fn check_begin(&self, begin: &Begin) -> Result<(), Refusal> {
@@ -127,6 +183,7 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
 
     fn start(&mut self, path: u16) -> Result<(), Refusal> {
         self.named(path)?;
+        self.check_go(Event::Start)?;
         self.ask(Event::Start)?;
         self.started = true;
         Ok(())
@@ -141,6 +198,9 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
         if back_um as f32 > self.drive.kept_um(&self.ring) {
             return Err(Refusal::Value(Field::Back));
         }
+        self.check_go(Event::Resume)?;
+        // A crater that was cut short is welded over from before it, or stays short.
+        self.rewelds = back_um > 0;
         self.ask(Event::Resume)?;
         self.drive.retrace(back_um as f32);
         Ok(())
@@ -157,9 +217,23 @@ fn checked_pose(pose: WirePose) -> Result<WirePose, Refusal> {
     if pose.is_unit() { Ok(pose) } else { Err(Refusal::Value(Field::Orientation)) }
 }
 
-fn checked_jog(jog: WireJog) -> Result<WireJog, Refusal> {
+/// Edges of an interaction box, µm: what a hand can tell apart, and what an arm can reach across.
+const BOX_UM: core::ops::RangeInclusive<u32> = 20_000..=1_000_000;
+/// Farthest middle of the box from the sensor, along an axis, µm.
+const BOX_CENTER_UM: i32 = 1_000_000;
+
+fn checked_jog(jog: WireJog, limits: &JogLimits) -> Result<WireJog, Refusal> {
     checked_pose(jog.start)?;
-    if jog.box_size_um.contains(&0) { Err(Refusal::Value(Field::Size)) } else { Ok(jog) }
+    checked_pose(WirePose { position_um: [0; 3], orientation_q15: jog.base_from_sensor_q15 })?;
+    let near = |um: &i32| (-BOX_CENTER_UM..=BOX_CENTER_UM).contains(um);
+    let fits = jog.box_size_um.iter().all(|um| BOX_UM.contains(um)) && jog.box_center_um.iter().all(near);
+    if !fits {
+        return Err(Refusal::Value(Field::Size));
+    }
+    let bounds = limits.least_um.into_iter().zip(limits.most_um);
+    let inside =
+        jog.start.position_um.iter().zip(bounds).all(|(um, (least, most))| (least..=most).contains(um));
+    if inside { Ok(jog) } else { Err(Refusal::Value(Field::Workspace)) }
 }
 
 fn checked_hands(hands: WireHandFrame) -> Result<WireHandFrame, Refusal> {

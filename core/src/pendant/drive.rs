@@ -71,9 +71,12 @@ impl Drive {
 
     /// Standing where a run of equally welded segments ends.
     pub(super) fn is_at_run_end<const N: usize, S: Slots>(&self, ring: &Ring<N, S>) -> bool {
+        if self.is_moving() || self.back_um > 0.0 {
+            return false;
+        }
         let (Some(from), Some(to)) = (ring.get(self.segment), self.end(ring)) else { return false };
         let changes = from.waypoint.weld != to.waypoint.weld || self.ends_path(ring);
-        changes && self.back_um <= 0.0 && !self.is_moving() && self.along_um >= to.approach_um
+        changes && self.along_um >= to.approach_um
     }
 
     /// Standing at the end of the whole path.
@@ -118,7 +121,7 @@ impl Drive {
             self.speed_um_s = 0.0;
             return;
         };
-        let feed = (from.waypoint.feed_um_s as f32).min(feed_limit_um_s);
+        let feed = (from.waypoint.feed_um_s as f32).min(feed_limit_um_s).min(to.fastest_um_s);
         let allowed = machine.speed_before(to.pass_speed2, to.approach_um - self.along_um);
         self.speed_um_s = machine.next_speed(self.speed_um_s, motion, feed).min(allowed);
         self.go_on(ring, self.speed_um_s * machine.tick_s);

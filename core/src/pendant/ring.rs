@@ -12,7 +12,7 @@ use crate::wire::{
 };
 
 /// A turn of 1 rad counts as this much path, so that a torch turning on the spot takes its time.
-const TURN_LEVER_UM: f32 = 10_000.0;
+pub(super) const TURN_LEVER_UM: f32 = 10_000.0;
 
 /// Sixteenths of a micrometre in which path lengths are summed: the sum wraps after 268 m, differences do not care.
 const SUM_PER_UM: f32 = 16.0;
@@ -31,6 +31,8 @@ pub struct Slot {
     pub(super) pass_speed2: f32,
     /// The same by feed and corner alone.
     cap_speed2: f32,
+    /// Fastest speed on the segment that ends here, so that it turns no faster than the torch may.
+    pub(super) fastest_um_s: f32,
     /// Path length up to here, 1/16 µm, wrapping.
     sum: u32,
 }
@@ -46,6 +48,7 @@ impl Slot {
         approach_um: 0.0,
         pass_speed2: 0.0,
         cap_speed2: 0.0,
+        fastest_um_s: 0.0,
         sum: 0,
     };
 }
@@ -57,6 +60,8 @@ pub(super) struct Dynamics {
     pub(super) accel_um_s2: f32,
     /// Change of the velocity vector at a waypoint.
     pub(super) corner_um_s: f32,
+    /// Change of the angular velocity at a waypoint.
+    pub(super) corner_rad_s: f32,
 }
 
 /// What became of a chunk.
@@ -105,6 +110,8 @@ impl<const N: usize, S: Slots> Ring<N, S> {
             reach_um: 0,
             max_step_um: 0,
             min_half_turn_cos_q15: 0,
+            arc: false,
+            times: wire::ProcessTimes::default(),
         };
         Self { slots, begin, tail: 0, next: 0, sack: 0, digest: 0, sealed: false }
     }
@@ -195,7 +202,7 @@ impl<const N: usize, S: Slots> Ring<N, S> {
             }
         }
         match (chunk.first - self.next) / self.grid() {
-            0 => self.join(len),
+            0 => self.join(len, limits),
             ahead => self.sack |= 1u16.checked_shl(ahead - 1).unwrap_or(0),
         }
         Ok(Placed::New)
@@ -280,6 +287,9 @@ impl<const N: usize, S: Slots> Ring<N, S> {
         if !waypoint.pose.is_unit() {
             return Err(ChunkRefusal::Orientation);
         }
+        if waypoint.weld && !self.begin.arc {
+            return Err(ChunkRefusal::ArcBarred);
+        }
         if waypoint.feed_um_s == 0 || waypoint.feed_um_s > limits.max_feed_um_s {
             return Err(ChunkRefusal::Feed);
         }
@@ -300,11 +310,11 @@ impl<const N: usize, S: Slots> Ring<N, S> {
     }
 
     /// The chunk at `next` is there, and with it those that waited behind it.
-    fn join(&mut self, len: u32) {
+    fn join(&mut self, len: u32, limits: &Limits) {
         let mut len = len;
         loop {
             for index in self.next..self.next.saturating_add(len) {
-                self.link(index);
+                self.link(index, limits);
             }
             self.next = self.next.saturating_add(len).min(self.begin.total);
             let waiting = self.sack & 1 == 1;
@@ -317,7 +327,7 @@ impl<const N: usize, S: Slots> Ring<N, S> {
     }
 
     /// The waypoint follows on the path received so far.
-    fn link(&mut self, index: u32) {
+    fn link(&mut self, index: u32, limits: &Limits) {
         let Some(&Slot { waypoint, .. }) = self.slots.borrow().get(index as usize % N) else { return };
         self.digest = wire::extend_digest(self.digest, &waypoint);
         let Some(previous) =
@@ -327,8 +337,11 @@ impl<const N: usize, S: Slots> Ring<N, S> {
         };
         let approach_um = measure_um(&previous.waypoint.pose, &waypoint.pose);
         let sum = previous.sum.wrapping_add((approach_um * SUM_PER_UM) as u32);
+        let turn_rad = turn_rad(&previous.waypoint.pose, &waypoint.pose);
+        let turn_rad_s = limits.max_turn_mrad_s as f32 * 1e-3;
+        let fastest_um_s = if turn_rad > 0.0 { turn_rad_s / turn_rad * approach_um } else { f32::MAX };
         if let Some(slot) = self.slots.borrow_mut().get_mut(index as usize % N) {
-            *slot = Slot { approach_um, sum, ..*slot };
+            *slot = Slot { approach_um, sum, fastest_um_s, ..*slot };
         }
     }
 
@@ -363,11 +376,22 @@ impl<const N: usize, S: Slots> Ring<N, S> {
             return Some(0.0);
         }
         let feed = before.waypoint.feed_um_s.min(here.waypoint.feed_um_s) as f32;
+        let feed = feed.min(here.fastest_um_s).min(after.fastest_um_s);
         let [into, out] = [(before, here), (here, after)]
             .map(|(a, b)| (a.waypoint.pose.offset_um(&b.waypoint.pose), b.approach_um));
         let turn2: f32 = into.0.iter().zip(out.0).map(|(a, b)| square(b / out.1 - a / into.1)).sum();
         let corner2 = if turn2 > 0.0 { square(dynamics.corner_um_s) / turn2 } else { f32::MAX };
-        Some(square(feed).min(corner2))
+        let turns = [(before, here), (here, after)]
+            .map(|(a, b)| turn(&a.waypoint.pose, &b.waypoint.pose).map(|rad| rad / b.approach_um));
+        let change2: f32 = turns[0].iter().zip(turns[1]).map(|(a, b)| square(b - a)).sum();
+        let twist2 = if change2 > 0.0 { square(dynamics.corner_rad_s) / change2 } else { f32::MAX };
+        Some(square(feed).min(corner2).min(twist2))
+    }
+
+    /// The first segment from this one on that is to be welded faster than `feed_um_s`, as far as it was received.
+    pub(super) fn faster_weld(&self, segment: u32, feed_um_s: u32) -> Option<u32> {
+        let too_fast = |slot: &Slot| slot.waypoint.weld && slot.waypoint.feed_um_s > feed_um_s;
+        (segment..self.next).find(|&index| self.get(index).is_some_and(too_fast))
     }
 }
 
@@ -380,12 +404,30 @@ fn measure_um(from: &WirePose, to: &WirePose) -> f32 {
     from.distance_um(to).max(TURN_LEVER_UM * turn_rad(from, to))
 }
 
+/// Rotation vector of a step, base frame, rad: twice the vector part of its quaternion, exact for small turns.
+fn turn(from: &WirePose, to: &WirePose) -> [f32; 3] {
+    let [a, b] = [from, to].map(|pose| pose.orientation_q15.map(f32::from));
+    let ([aw, ax, ay, az], [bw, bx, by, bz]) = (a, b);
+    let sign = if from.dot_q30(to) < 0 { -2.0 } else { 2.0 };
+    let vector = [
+        aw * bx - ax * bw + az * by - ay * bz,
+        aw * by - ay * bw + ax * bz - az * bx,
+        aw * bz - az * bw + ay * bx - ax * by,
+    ];
+    vector.map(|part| part * (sign / (f32::from(Q15_ONE) * f32::from(Q15_ONE))))
+}
+
+/// Angle between two poses, mrad.
+pub(super) fn turn_mrad(from: &WirePose, to: &WirePose) -> f32 {
+    1000.0 * turn_rad(from, to)
+}
+
 /// Angle of a step by its chord: exact for small ones, a tenth too small at half a turn.
 fn turn_rad(from: &WirePose, to: &WirePose) -> f32 {
     let sign = if from.dot_q30(to) < 0 { -1 } else { 1 };
     let pairs = from.orientation_q15.into_iter().zip(to.orientation_q15);
-    let chord2: i64 = pairs.map(|(a, b)| i64::from(a) - sign * i64::from(b)).map(|d| d * d).sum();
-    2.0 * math::sqrt(chord2 as f32) / f32::from(Q15_ONE)
+    let chord2: f32 = pairs.map(|(a, b)| square((i32::from(a) - sign * i32::from(b)) as f32)).sum();
+    2.0 * math::sqrt(chord2) / f32::from(Q15_ONE)
 }
 
 #[cfg(test)]
@@ -417,6 +459,8 @@ mod tests {
             reach_um: 1_000_000,
             max_step_um: 10_000,
             min_half_turn_cos_q15: 30_000,
+            arc: true,
+            times: wire::ProcessTimes::default(),
         });
         for number in 0..chunks {
             let known = ring.next();

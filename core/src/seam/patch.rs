@@ -66,18 +66,25 @@ impl<const P: usize, const K: usize> Patch<P, K> {
     /// As [`Self::new`] in the place of what was here: a microcontroller's stack does not hold a patch. Left empty,
     /// and false, where `new` gives none.
     pub fn load(&mut self, points: impl IntoIterator<Item = Point>, ball: &Ball) -> bool {
-        self.clear();
-        let all = points.into_iter().all(|point| self.points.push(point).is_ok()) && self.find(ball);
+        let all = self.find(points, ball);
         if all {
             self.measure();
-        } else {
+        }
+        all
+    }
+
+    /// First half of [`Self::load`]: the points with the neighbours of each.
+    pub(crate) fn find(&mut self, points: impl IntoIterator<Item = Point>, ball: &Ball) -> bool {
+        self.clear();
+        let all = points.into_iter().all(|point| self.points.push(point).is_ok()) && self.search(ball);
+        if !all {
             self.clear();
         }
         all
     }
 
     /// The neighbours of every point; false if one has none.
-    fn find(&mut self, ball: &Ball) -> bool {
+    fn search(&mut self, ball: &Ball) -> bool {
         let near = |centre| Neighbourhood::of(&self.points, centre, ball);
         (0..self.points.len()).all(|centre| near(centre).is_some_and(|n| self.neighbours.push(n).is_ok()))
     }
@@ -90,8 +97,9 @@ impl<const P: usize, const K: usize> Patch<P, K> {
         self.falloff.clear();
     }
 
-    /// Intensities of all points, then gradients, which need their neighbours' intensities, and the Gaussians' widths.
-    fn measure(&mut self) {
+    /// Second half of [`Self::load`]: intensities of all points, then gradients, which need their neighbours'
+    /// intensities, and the Gaussians' widths.
+    pub(crate) fn measure(&mut self) {
         for (point, near) in self.points.iter().zip(&self.neighbours) {
             let value = intensity(near.offsets_mm(&self.points, point), near.radius_mm);
             let _ = self.intensity.push(value);

@@ -31,16 +31,15 @@ pub enum HostMessage {
     },
     /// Waypoints `first..first + len` of a path; placing them twice changes nothing.
     Chunk(Chunk),
-    /// Keeps the session alive; answered by `Pong`.
-    Ping {
-        /// Echoed.
-        token: u32,
-    },
+    /// The only sign of life; answered by `Pong`.
+    Ping(Ping),
     /// Ends the repetition of a `FaultReport`.
     FaultSeen {
         /// Number of the report.
         number: u16,
     },
+    /// Goes on with the path of a host that was lost.
+    Attach(Attach),
 }
 
 /// Opening of a session.
@@ -53,6 +52,32 @@ pub struct Hello {
     pub schema: u32,
     /// Fresh and random for every session the host opens.
     pub nonce: u32,
+}
+
+/// A sign of life. It counts if `count` is ahead of all that came before, and from the time that `echo` names.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Ping {
+    /// Counts up by one from 1 within a session (wrapping).
+    pub count: u32,
+    /// The newest tick of the pendant that the host has heard of: HelloAck, Pong or Telemetry.
+    pub echo: u32,
+    /// Given back by the Pong.
+    pub token: u32,
+}
+
+/// Opens a session that goes on with the path of a former one: while that is Held and its host silent.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Attach {
+    /// As for any session, with a fresh nonce.
+    pub hello: Hello,
+    /// Nonce of the session whose host was lost.
+    pub former: u32,
+    /// Path id.
+    pub path: u16,
+    /// Digest that the path was committed with.
+    pub digest: u32,
 }
 
 /// Consecutive waypoints.
@@ -81,7 +106,7 @@ pub enum Command {
     },
     /// Where gestures start from and how they are read.
     SetJog(WireJog),
-    /// A hand frame, answered by a camera pose. Only while nothing moves.
+    /// A hand frame, answered by a camera pose. Only in Idle, enabled, with the key in manual.
     HandFrame(WireHandFrame),
     /// Asks for the edge score of a patch's first point. Only while nothing moves.
     Score(WirePatch),
@@ -99,12 +124,12 @@ pub enum Command {
         /// Path id.
         path: u16,
     },
-    /// Arms the arc for the next Start or Resume, or disarms it.
+    /// Arms the arc for the next Start or Resume, or disarms it. Only while enabled; letting the switch go disarms.
     ArcArm {
         /// Whether the arc may be struck.
         armed: bool,
     },
-    /// Starts the path from its first waypoint, where the torch has to be.
+    /// Starts the path from its first waypoint, where the torch has to be known to be.
     Start {
         /// Path id.
         path: u16,
@@ -149,6 +174,32 @@ pub struct Begin {
     pub max_step_um: u32,
     /// No two neighbours turn farther: cosine of half the angle, Q15.
     pub min_half_turn_cos_q15: i16,
+    /// Whether the arc may be armed on this path; if not, a welded segment is refused, too.
+    pub arc: bool,
+    /// Times of the arc sequence on this path.
+    pub times: ProcessTimes,
+}
+
+/// Times of the arc sequence, ms.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct ProcessTimes {
+    /// Gas before the strike, at most 10 000.
+    pub pre_flow_ms: u16,
+    /// Longest wait for an established arc, 10 to 5000.
+    pub strike_ms: u16,
+    /// Crater fill, at most 5000.
+    pub crater_fill_ms: u16,
+    /// Burn-back, at most 1000.
+    pub burn_back_ms: u16,
+    /// Gas after the arc, at most 30 000.
+    pub post_flow_ms: u16,
+}
+
+impl Default for ProcessTimes {
+    fn default() -> Self {
+        Self { pre_flow_ms: 200, strike_ms: 1000, crater_fill_ms: 300, burn_back_ms: 60, post_flow_ms: 500 }
+    }
 }
 
 /// Interaction box and start pose of gesture-guided scanning (paper II-B).
@@ -163,6 +214,9 @@ pub struct WireJog {
     pub box_size_um: [u32; 3],
     /// Whether the right hand steers instead of the left.
     pub steer_right: bool,
+    /// `base_from_sensor`: how the hand sensor is turned on the robot's base, w x y z.
+    #[serde(with = "super::fixed")]
+    pub base_from_sensor_q15: [i16; 4],
 }
 
 /// What the hand sensor saw at one instant, sensor frame.

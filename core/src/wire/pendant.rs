@@ -40,6 +40,8 @@ pub enum PendantMessage {
     Pong {
         /// As in the Ping.
         token: u32,
+        /// Ticks since the pendant started, wrapping: for the echo of the next Ping.
+        tick: u32,
     },
     /// Repeated until `FaultSeen`.
     FaultReport {
@@ -59,6 +61,27 @@ pub enum PendantMessage {
     },
     /// A frame with a right checksum that is no message of this version.
     Unread(Unreadable),
+    /// No path to go on with.
+    AttachRefused {
+        /// Nonce of the Attach it answers.
+        nonce: u32,
+        /// Why.
+        why: AttachRefusal,
+    },
+}
+
+/// Why a host cannot go on with a path.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum AttachRefusal {
+    /// The former host is alive, or was less than the silence limit ago, or the torch still moves.
+    Busy,
+    /// The pendant does not hold: there is nothing to go on with.
+    State(State),
+    /// The pendant was reset, or another host had it since.
+    Session,
+    /// Another path is loaded, or its digest is another, or not all of it had come.
+    Path,
 }
 
 /// Session opened.
@@ -71,6 +94,10 @@ pub struct HelloAck {
     pub nonce: u32,
     /// Differs after every start of the pendant.
     pub boot: u32,
+    /// Ticks since the pendant started, wrapping: for the echo of the first Ping.
+    pub tick: u32,
+    /// Number of the last request of the session; the next one has the number after it.
+    pub request: u16,
     /// Capacities.
     pub limits: Limits,
 }
@@ -97,8 +124,42 @@ pub struct Limits {
     pub accel_um_s2: u32,
     /// Period of set-points, µs.
     pub tick_us: u32,
-    /// Silence after which motion is held, ms.
+    /// Age of the newest fresh Ping at which motion is held, ms.
     pub silence_ms: u16,
+    /// Fastest turn of the torch, mrad/s.
+    pub max_turn_mrad_s: u32,
+    /// Change of the velocity at a waypoint, µm/s: corners are passed slowly enough for it.
+    pub corner_um_s: u32,
+    /// Change of the angular velocity at a waypoint, mrad/s.
+    pub corner_mrad_s: u32,
+    /// Speed of the way back before a Resume, µm/s.
+    pub retrace_um_s: u32,
+    /// Start and Resume: the torch has to be this near, µm ...
+    pub near_um: u32,
+    /// ... and turned by no more than this, mrad.
+    pub near_mrad: u32,
+    /// Whether a robot port is fitted.
+    pub port: bool,
+    /// Of hand-guided motion.
+    pub jog: JogLimits,
+}
+
+/// How hands move the camera, and where to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct JogLimits {
+    /// Scaling: farthest the camera goes in one hand frame, µm (`l` of Alg. 1).
+    pub step_um: u32,
+    /// Fastest motion of the camera by the pendant's clock, µm/s.
+    pub speed_um_s: u32,
+    /// Fastest turn of the camera by the pendant's clock, mrad/s.
+    pub turn_mrad_s: u32,
+    /// Least x y z of the camera, base frame, µm.
+    pub least_um: [i32; 3],
+    /// Greatest x y z of the camera, base frame, µm.
+    pub most_um: [i32; 3],
+    /// A hand of less confidence counts as none.
+    pub confidence_permille: u16,
 }
 
 /// Session refused.
@@ -161,7 +222,7 @@ pub enum Refusal {
     Path,
     /// The enabling switch is not held, or was not seen released before.
     NotEnabled,
-    /// The E-stop is pressed, or its fault waits for the local reset.
+    /// The E-stop is pressed, or a fault waits for the local reset.
     EStop,
     /// The path does not fit: stream it.
     TooLong {
@@ -187,6 +248,26 @@ pub enum Refusal {
     NotResumable(Cause),
     /// A number is out of its range or beyond the pendant's limits.
     Value(Field),
+    /// The torch is not where the path begins or goes on.
+    Away {
+        /// How far, µm.
+        distance_um: u32,
+        /// How far turned, mrad.
+        turn_mrad: u32,
+    },
+    /// Nobody knows where the torch is: it has to be confirmed at the pendant.
+    PoseUnknown,
+    /// A robot port is fitted, and the robot is silent or its drives do not follow.
+    Robot,
+    /// A welded segment is faster than manual mode allows, and the arc is armed.
+    TooFast {
+        /// Waypoint where it begins.
+        at: u32,
+    },
+    /// The arc is barred on this path.
+    ArcBarred,
+    /// The key switch is not in manual.
+    NotManual,
 }
 
 /// Which number a refusal means.
@@ -209,6 +290,10 @@ pub enum Field {
     Size,
     /// The way back is longer than the path kept.
     Back,
+    /// A time of the arc sequence.
+    Time,
+    /// Outside the workspace of hand-guided motion.
+    Workspace,
 }
 
 /// A camera pose out of a hand frame.
@@ -223,6 +308,8 @@ pub struct WireCameraPose {
     pub capture: bool,
     /// Whether the clutch is open: the camera stays.
     pub clutch: bool,
+    /// The pendant's clock, by which the camera moved, ms since its start, wrapping.
+    pub time_ms: u32,
 }
 
 /// Edge score of a point.
@@ -292,6 +379,8 @@ pub enum ChunkRefusal {
     StepTooShort,
     /// Turned too far from its neighbour.
     Turn,
+    /// To be welded, on a path on which the arc is barred.
+    ArcBarred,
 }
 
 /// The pendant's state; absolute values, so that any single message suffices.
@@ -311,7 +400,7 @@ pub struct Telemetry {
     /// Phase of the arc sequence.
     pub arc: ArcPhase,
     /// [`Self::E_STOP`] and its neighbours.
-    pub pins: u8,
+    pub pins: u16,
     /// The path of this session that was followed to its end last.
     pub finished: Option<u16>,
     /// Load, if a path is open.
@@ -326,25 +415,49 @@ pub struct Telemetry {
     pub pose: WirePose,
     /// What the receiver counted.
     pub counters: Counters,
+    /// The robot, if a port is fitted and it was heard in time.
+    pub robot: Option<Robot>,
+}
+
+/// What a robot says of itself.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Robot {
+    /// Where the torch really is, `base_from_torch`.
+    pub pose: WirePose,
+    /// Following error, µm.
+    pub error_um: u32,
+    /// State of its drives.
+    pub drives: super::port::Drives,
+    /// Set-points that it missed and frames of its that the pendant missed, wrapping.
+    pub lost: u16,
 }
 
 impl Telemetry {
     /// E-stop is pressed.
-    pub const E_STOP: u8 = 1;
+    pub const E_STOP: u16 = 1;
     /// The enabling switch is held.
-    pub const ENABLE: u8 = 1 << 1;
+    pub const ENABLE: u16 = 1 << 1;
     /// It was freshly pressed and is still held.
-    pub const ENABLED: u8 = 1 << 2;
+    pub const ENABLED: u16 = 1 << 2;
     /// The arc may be struck.
-    pub const ARMED: u8 = 1 << 3;
+    pub const ARMED: u16 = 1 << 3;
     /// The power source reports current.
-    pub const ESTABLISHED: u8 = 1 << 4;
+    pub const ESTABLISHED: u16 = 1 << 4;
     /// Manual mode.
-    pub const MANUAL: u8 = 1 << 5;
+    pub const MANUAL: u16 = 1 << 5;
     /// Arc power is on.
-    pub const ARC: u8 = 1 << 6;
+    pub const ARC: u16 = 1 << 6;
     /// Gas flows.
-    pub const GAS: u8 = 1 << 7;
+    pub const GAS: u16 = 1 << 7;
+    /// It is known where the torch is.
+    pub const POSE_KNOWN: u16 = 1 << 8;
+    /// The button that confirms where the torch is.
+    pub const CONFIRM: u16 = 1 << 9;
+    /// Motion of the robot is enabled.
+    pub const MOTION: u16 = 1 << 10;
+    /// The board found its inputs or outputs broken.
+    pub const DEFECT: u16 = 1 << 11;
 }
 
 /// Counters of the receiver since the start, wrapping.
@@ -363,6 +476,8 @@ pub struct Counters {
     pub overrun: u16,
     /// Chunks received twice.
     pub duplicate: u16,
+    /// Pings that were not fresh: repeated, late, or with a wrong echo.
+    pub stale: u16,
 }
 
 /// An executed set-point: the pose that [`crate::pendant`] interpolated at `alpha_q24` of `segment`.

@@ -77,11 +77,19 @@ impl WirePose {
             .sum()
     }
 
+    /// Whether the position is the origin and the orientation that of the base, in its usual sign.
+    pub fn is_identity(&self) -> bool {
+        let ([x, y, z], [w, i, j, k]) = (self.position_um, self.orientation_q15);
+        (x | y | z) == 0 && (i | j | k) == 0 && w == Q15_ONE
+    }
+
     /// Displacement to another pose's position, µm. Exact up to 16 m, then rounded.
     pub fn offset_um(&self, to: &Self) -> [f32; 3] {
-        let [a, b] = [self, to].map(|pose| pose.position_um.map(i64::from));
-        let ([ax, ay, az], [bx, by, bz]) = (a, b);
-        [(bx - ax) as f32, (by - ay) as f32, (bz - az) as f32]
+        let ([ax, ay, az], [bx, by, bz]) = (self.position_um, to.position_um);
+        // 64 bits are converted in software on a 32-bit processor: only where they are needed.
+        let far = |a: i32, b: i32| (i64::from(b) - i64::from(a)) as f32;
+        let way = |a: i32, b: i32| b.checked_sub(a).map_or_else(|| far(a, b), |um| um as f32);
+        [way(ax, bx), way(ay, by), way(az, bz)]
     }
 
     /// Distance between the positions, µm.

@@ -11,13 +11,14 @@ use static_cell::ConstStaticCell;
 use weldpath_core::gesture::{Attitude, CameraPose, CaptureGesture, Config, Fingers, HandFrame, Steering};
 use weldpath_core::path::TorchPose;
 use weldpath_core::path::interpolation::Segment;
-use weldpath_core::pendant::{self, Panel, Pendant, Slot};
-use weldpath_core::seam::{Ball, Neighbourhood, RatioThreshold};
-use weldpath_core::tasks::{MAX_NEIGHBOURS, Workspace};
+use weldpath_core::pendant::{self, Panel, Pendant, PortConfig, Slot};
+use weldpath_core::seam::{Ball, RatioThreshold};
+use weldpath_core::tasks::Workspace;
 use weldpath_core::wire::frame;
+use weldpath_core::wire::port::{self, ActualDeframer};
 use weldpath_core::wire::{
     self, Begin, Chunk, Command, FromHost, Hello, HostDeframer, HostMessage, MAX_CHUNK, MAX_HOST_FRAME,
-    MAX_PATCH, WirePose, WireWaypoint,
+    MAX_PATCH, Offset, Ping, ProcessTimes, WirePose, WireWaypoint,
 };
 use weldpath_core::{Orientation, Point, Vector, rotation};
 use weldpath_firmware::board::Stopwatch;
@@ -29,7 +30,8 @@ fn main() -> ! {
     set_points(&watch);
     gestures(&watch);
     edge_scores(&watch);
-    link(&watch);
+    link(&watch, None);
+    link(&watch, Some(PortConfig::default()));
     debug::exit(debug::EXIT_SUCCESS);
     loop {
         cortex_m::asm::wfi();
@@ -91,35 +93,32 @@ fn gestures(watch: &Stopwatch) {
 fn edge_scores(watch: &Stopwatch) {
     static WORKSPACE: ConstStaticCell<Workspace> = ConstStaticCell::new(Workspace::empty());
     let patch = WORKSPACE.take();
-    let point = |k: usize| {
-        let (x, v) = ((k % 8) as f32, (k / 16) as f32 + 0.5);
-        if (k / 8).is_multiple_of(2) {
-            Point::new(x, v, 0.01 * k as f32)
-        } else {
-            Point::new(x, 0.01 * k as f32, v)
-        }
+    let offset = |k: i16| {
+        let (x, v) = (k % 8 * 1000, k / 16 * 1000 + 500);
+        Offset { um: if (k / 8) % 2 == 0 { [x, v, 10 * k] } else { [x, 10 * k, v] } }
     };
-    let points: [Point; MAX_PATCH] = black_box(core::array::from_fn(point));
+    let points = (0..MAX_PATCH as i16).map(offset).collect();
+    let wanted = black_box(wire::WirePatch { radius_um: 20_000, threshold_milli: 53_000, points });
     let (Some(ball), Some(threshold)) = (Ball::new(20.0, Ball::LEAST), RatioThreshold::new(53.0)) else {
         return;
     };
-    let whole = watch.instructions(|| patch.load(points.iter().copied(), &ball));
-    let search = watch.instructions(|| {
-        for centre in 0..MAX_PATCH {
-            black_box(Neighbourhood::<MAX_NEIGHBOURS>::of(&points, centre, &ball));
-        }
-    });
+    let search = watch.instructions(|| patch.find(&wanted, &ball));
+    let measured = watch.instructions(|| patch.measure());
     let scores = mean(watch, MAX_PATCH as u32, |k| patch.score(k as usize, threshold));
-    print("edge score of 32 neighbours, lists given", (whole - search) / MAX_PATCH as u32 + scores);
-    print("whole patch with its search", whole + scores * MAX_PATCH as u32);
+    print("edge score of 32 neighbours, lists given", measured / MAX_PATCH as u32 + scores);
+    print("whole patch with its search", search + measured + scores * MAX_PATCH as u32);
 }
 
 /// A path loaded and followed.
 #[inline(never)]
-fn link(watch: &Stopwatch) {
-    static SLOTS: ConstStaticCell<[Slot; RING]> = ConstStaticCell::new([Slot::EMPTY; RING]);
-    let config = pendant::Config { tick_us: 1_000_000 / TICK_HZ, ..pendant::Config::default() };
-    let Some(mut pendant) = Pendant::<RING, _>::with_slots(&config, 1, SLOTS.take().as_mut_slice()) else {
+fn link(watch: &Stopwatch, port: Option<PortConfig>) {
+    static SLOTS: [ConstStaticCell<[Slot; RING]>; 2] =
+        [const { ConstStaticCell::new([Slot::EMPTY; RING]) }; 2];
+    let slots = SLOTS[usize::from(port.is_some())].take();
+    let (bytes, told) = (ActualDeframer::new(), [0; port::MAX_SET_POINT_FRAME]);
+    let mut robot = RobotEnd { sequence: 0, heard: None, bytes, told };
+    let config = pendant::Config { tick_us: 1_000_000 / TICK_HZ, port, ..pendant::Config::default() };
+    let Some(mut pendant) = Pendant::<RING, _>::with_slots(&config, 1, slots.as_mut_slice()) else {
         return;
     };
     let mut host = Host { session: 0, requests: 0, deframer: HostDeframer::new() };
@@ -130,24 +129,93 @@ fn link(watch: &Stopwatch) {
     host.session = wire::session_id(1, 2);
     let released = Panel::default();
     let gripped = Panel { enable: true, ..released };
-    let _ = (pendant.tick(&released), pendant.tick(&gripped));
     host.command(&mut pendant, Command::Begin(begin()));
     let chunks = TOTAL / MAX_CHUNK as u32;
     let bytes: u32 = (0..chunks).map(|k| host.chunk(watch, &mut pendant, k)).sum();
-    print("received chunk of 8 waypoints", bytes / chunks);
+    if port.is_none() {
+        print("received chunk of 8 waypoints", bytes / chunks);
+    }
     let digest = digest();
     host.command(&mut pendant, Command::Commit { path: 1, digest });
+    let confirmed = Panel { confirm: true, ..gripped };
+    for panel in [&released, &gripped, &confirmed] {
+        let answer = robot.answer();
+        robot.tick(&mut pendant, panel, &answer);
+    }
+    let answer = robot.answer();
+    robot.hear(&mut pendant, &answer);
     host.command(&mut pendant, Command::Start { path: 1 });
     let (mut moved, mut ticks) = (0, 0);
     for run in 0..1000_u32 {
         if run.is_multiple_of(50) {
-            host.say(&mut pendant, HostMessage::Ping { token: run });
+            let echo = pendant.telemetry().tick;
+            host.say(&mut pendant, HostMessage::Ping(Ping { count: run + 1, echo, token: run }));
         }
-        ticks += watch.instructions(|| moved += u32::from(pendant.tick(&gripped).set_point.is_some()));
+        let answer = robot.answer();
+        ticks += watch.instructions(|| moved += u32::from(robot.tick(&mut pendant, &gripped, &answer)));
     }
     // 63 segments of 2 mm at 50 mm/s are 1260 ticks and the ramp: all of them moved, or the figure means nothing.
     if moved == 1000 {
-        print("whole tick while moving, interlock and speed plan included", ticks / 1000);
+        let name = match port {
+            None => "whole tick while moving, interlock and speed plan included",
+            Some(_) => "the same with a robot port, both frames included",
+        };
+        print(name, ticks / 1000);
+    }
+}
+
+/// The robot's end of its line; nobody there without a port.
+struct RobotEnd {
+    sequence: u16,
+    heard: Option<port::WireSetPoint>,
+    bytes: ActualDeframer,
+    told: [u8; port::MAX_SET_POINT_FRAME],
+}
+
+type Frame = heapless::Vec<u8, { port::MAX_ACTUAL_FRAME }>;
+
+impl RobotEnd {
+    /// The answer to the newest set-point: exactly there. Empty without one.
+    #[inline(never)]
+    fn answer(&mut self) -> Frame {
+        let Some(heard) = self.heard else { return Frame::new() };
+        self.sequence = self.sequence.wrapping_add(1);
+        let actual = port::Actual {
+            version: port::VERSION,
+            sequence: self.sequence,
+            heard: heard.sequence,
+            lost: 0,
+            pose: heard.pose.unwrap_or(waypoint(0).pose),
+            error_um: 600,
+            drives: port::Drives::Following,
+        };
+        let mut bytes = [0; port::MAX_ACTUAL_FRAME];
+        let length = frame::encode(&actual, &mut bytes).unwrap_or(0);
+        Frame::from_slice(&bytes[..length]).unwrap_or_default()
+    }
+
+    #[inline(never)]
+    fn hear(&mut self, pendant: &mut Lent, answer: &[u8]) {
+        let mut rest = answer;
+        while !rest.is_empty() {
+            let received;
+            (received, rest) = self.bytes.feed(rest);
+            if let Some(received) = received {
+                pendant.receive_robot(received);
+            }
+        }
+    }
+
+    /// A tick as the board does it; whether a set-point came of it.
+    #[inline(never)]
+    fn tick(&mut self, pendant: &mut Lent, panel: &Panel, answer: &[u8]) -> bool {
+        self.hear(pendant, answer);
+        let tick = pendant.tick(panel);
+        if let Some(told) = &tick.robot {
+            let _ = black_box(told.encode(&mut self.told));
+        }
+        self.heard = tick.robot;
+        tick.set_point.is_some()
     }
 }
 
@@ -162,6 +230,8 @@ fn begin() -> Begin {
         reach_um: 1_000_000,
         max_step_um: 10_000,
         min_half_turn_cos_q15: 32_000,
+        arc: true,
+        times: ProcessTimes::default(),
     }
 }
 
@@ -196,8 +266,11 @@ impl Host {
 
     #[inline(never)]
     fn hear(&mut self, pendant: &mut Lent, bytes: &[u8]) {
-        for &byte in bytes {
-            if let Some(received) = self.deframer.push(byte) {
+        let mut rest = bytes;
+        while !rest.is_empty() {
+            let received;
+            (received, rest) = self.deframer.feed(rest);
+            if let Some(received) = received {
                 let _ = black_box(pendant.receive(received));
             }
         }

@@ -10,11 +10,13 @@ use core::hint::black_box;
 use core::panic::PanicInfo;
 
 use weldpath_core::gesture::{Attitude, Fingers, HandFrame};
+use weldpath_core::interlock::channels::{Pump, PumpModel, TwoChannel};
 use weldpath_core::path::TorchPose;
 use weldpath_core::path::interpolation::densify;
 use weldpath_core::pendant::{Action, Panel, Pendant, Slot, Task};
 use weldpath_core::seam::Patch;
 use weldpath_core::tasks::{Tasks, Workspace};
+use weldpath_core::wire::port::ActualDeframer;
 use weldpath_core::wire::{Answer, FromPendant, HostDeframer, MAX_PENDANT_FRAME, frame};
 use weldpath_core::{Orientation, Point, Vector, math, rotation};
 
@@ -88,12 +90,12 @@ fn gestures() {
 #[inline(never)]
 fn tasks(tasks: &mut Tasks, task: &Task, workspace: &mut Workspace) {
     black_box(tasks.perform(task, workspace));
-    black_box(Patch::<64, 32>::len(workspace));
+    black_box(any::<&Patch<64, 32>>().len());
 }
 
 #[inline(never)]
 fn link(pendant: &mut Lent, deframer: &mut HostDeframer, panel: &Panel) {
-    if let Some(received) = deframer.push(any()) {
+    if let (Some(received), _) = deframer.feed(any()) {
         match pendant.receive(received) {
             Action::Send(message) => send(&message),
             other => {
@@ -101,12 +103,20 @@ fn link(pendant: &mut Lent, deframer: &mut HostDeframer, panel: &Panel) {
             }
         }
     }
-    let _ = black_box(pendant.tick(panel));
+    if let Some(told) = black_box(pendant.tick(panel)).robot {
+        let _ = black_box(told.encode(any()));
+    }
     let _ = black_box(pendant.answer(any(), any::<Answer>()));
     if let Some(message) = pendant.transmit() {
         send(&message);
     }
     pendant.overrun(any());
+    if let (Some(received), _) = any::<&mut ActualDeframer>().feed(any()) {
+        pendant.receive_robot(received);
+    }
+    let contacts: (&mut TwoChannel, &mut Pump, &mut PumpModel) = any();
+    black_box((contacts.0.tick(any()), contacts.1.tick(any()), contacts.1.reads_wrong(any(), any())));
+    black_box(contacts.2.tick(any()));
 }
 
 #[inline(never)]

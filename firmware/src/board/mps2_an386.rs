@@ -1,23 +1,32 @@
 //! Arm MPS2 with the AN386 image as QEMU emulates it (`-M mps2-an386`).
 //!
-//! QEMU gives the machine no pins, so the panel - emergency stop, enabling switch, reset button, and the lamps for
+//! QEMU gives the machine no pins, so the panel - emergency stop, enabling switch, buttons, straps, and the lamps for
 //! arc, gas, motion and wire - is a second serial port that only the tick touches. Addresses: Arm AN386, chapter 3.
 #![allow(unsafe_code)]
 
 mod panel;
 
 use core::arch::global_asm;
+use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
-use cortex_m::peripheral::NVIC;
+use cortex_m::peripheral::syst::SystClkSource;
+use cortex_m::peripheral::{NVIC, SYST};
 use cortex_m_semihosting::syscall;
 use defmt_semihosting as _;
 
 use super::cortex_m4::{PORT_PRIORITY, TICK_PRIORITY};
-use super::{BootRecord, Inputs, Outputs, ResetCause};
+use super::{BootRecord, Inputs, Outputs, ResetCause, Straps};
 use crate::{serial, torch};
 
 const CLOCK_HZ: u32 = 25_000_000;
 const BAUD: u32 = 115_200;
+/// Of the robot's line.
+const ROBOT_BAUD: u32 = 460_800;
+/// The robot's answers are late after this: far more than on a real board, as QEMU's clock goes on while a busy host leaves
+/// the emulator or the robot without a processor. The 3 ticks of other boards are held in virtual time.
+pub const LATE_TICKS: u16 = 250;
+/// What the charge pumps last for without a change of their pins: 8 ms.
+const PUMP_CYCLES: u32 = CLOCK_HZ / 125;
 /// To the NMI; as long again to a reset. Far longer than on a real board: QEMU's clock goes on while a busy host leaves
 /// the emulator without a processor, and half a second of that was taken for a hang.
 const WATCHDOG_CYCLES: u32 = CLOCK_HZ * 3;
@@ -26,7 +35,10 @@ const PANEL_PATIENCE_CYCLES: u32 = CLOCK_HZ / 5;
 
 const LINK: Uart = Uart(0x4000_4000);
 const PANEL: Uart = Uart(0x4000_5000);
+const ROBOT: Uart = Uart(0x4000_6000);
 const TIMER: usize = 0x4000_0000;
+/// The second timer again, from the first tick on: the charge of the pumps.
+const PUMP: usize = STOPWATCH;
 const STOPWATCH: usize = 0x4000_1000;
 const WATCHDOG: usize = 0x4000_8000;
 
@@ -38,7 +50,10 @@ enum Line {
     LinkTransmit = 1,
     PanelReceive = 2,
     PanelTransmit = 3,
+    RobotReceive = 4,
+    RobotTransmit = 5,
     Timer = 8,
+    Pump = 9,
 }
 
 // SAFETY: each number is that line of the NVIC, which has 32.
@@ -58,7 +73,10 @@ static __INTERRUPTS: [Handler; 32] = {
     lines[Line::LinkTransmit as usize] = link_transmit;
     lines[Line::PanelReceive as usize] = panel_receive;
     lines[Line::PanelTransmit as usize] = panel_transmit;
+    lines[Line::RobotReceive as usize] = robot_receive;
+    lines[Line::RobotTransmit as usize] = robot_transmit;
     lines[Line::Timer as usize] = timer;
+    lines[Line::Pump as usize] = pump_empty;
     lines
 };
 
@@ -84,10 +102,11 @@ global_asm!(
 
 /// Starts ports, watchdog and tick; the host's clock, as QEMU has nothing else that differs from start to start.
 /// Outputs stay off.
-pub fn start(boot: &BootRecord) -> (Watchdog, u32) {
+pub fn start(boot: &BootRecord) -> (Watchdog, u32, Straps) {
     panel::report_boot(boot.cause);
-    LINK.start();
-    PANEL.start();
+    LINK.start(BAUD);
+    PANEL.start(BAUD);
+    ROBOT.start(ROBOT_BAUD);
     let watchdog = Watchdog::start();
     // Periodic down-counter with interrupt.
     let reload = CLOCK_HZ / torch::TICK_HZ - 1;
@@ -96,8 +115,23 @@ pub fn start(boot: &BootRecord) -> (Watchdog, u32) {
     write(TIMER, 0b1001);
     // SAFETY: the handlers above are in place.
     unsafe {
-        let mut nvic = cortex_m::Peripherals::steal().NVIC;
-        for line in [Line::LinkReceive, Line::LinkTransmit, Line::PanelReceive, Line::PanelTransmit] {
+        let core = cortex_m::Peripherals::steal();
+        let (mut nvic, mut clock) = (core.NVIC, core.SYST);
+        clock.set_clock_source(SystClkSource::Core);
+        clock.set_reload(CLOCK_MASK);
+        clock.clear_current();
+        clock.enable_counter();
+        let ports = [
+            Line::LinkReceive,
+            Line::LinkTransmit,
+            Line::PanelReceive,
+            Line::PanelTransmit,
+            Line::RobotReceive,
+            Line::RobotTransmit,
+            // More urgent than the tick: it is there for a tick that hangs.
+            Line::Pump,
+        ];
+        for line in ports {
             nvic.set_priority(line, PORT_PRIORITY);
             NVIC::unmask(line);
         }
@@ -108,7 +142,7 @@ pub fn start(boot: &BootRecord) -> (Watchdog, u32) {
     // SAFETY: as above.
     unsafe { NVIC::unmask(Line::Timer) };
     // SAFETY: semihosting call SYS_TIME takes no argument and returns a number.
-    (watchdog, unsafe { syscall!(TIME) as u32 })
+    (watchdog, unsafe { syscall!(TIME) as u32 }, panel::straps())
 }
 
 /// Pins are known at once; the panel answers the report of the start. One that does not counts as a pressed stop.
@@ -122,6 +156,11 @@ fn await_panel() {
 /// Makes the transmit interrupt run.
 pub fn wake_link() {
     NVIC::pend(Line::LinkTransmit);
+}
+
+/// The same for the robot's line.
+pub fn wake_robot() {
+    NVIC::pend(Line::RobotTransmit);
 }
 
 fn wake_panel() {
@@ -190,8 +229,8 @@ impl Stopwatch {
 struct Uart(usize);
 
 impl Uart {
-    fn start(self) {
-        write(self.0 + 0x10, CLOCK_HZ / BAUD);
+    fn start(self, baud: u32) {
+        write(self.0 + 0x10, CLOCK_HZ / baud);
         // Transmitter, receiver, and both their interrupts.
         write(self.0 + 0x8, 0b1111);
     }
@@ -249,10 +288,51 @@ unsafe extern "C" fn panel_transmit() {
     }
 }
 
+unsafe extern "C" fn robot_receive() {
+    let (byte, overrun) = ROBOT.receive();
+    if overrun {
+        serial::ROBOT.overrun();
+    }
+    if let Some(byte) = byte {
+        serial::ROBOT.received(byte);
+    }
+}
+
+unsafe extern "C" fn robot_transmit() {
+    if ROBOT.can_send()
+        && let Some(byte) = serial::ROBOT.next_to_send()
+    {
+        ROBOT.send(byte);
+    }
+}
+
+/// The processor's own clock counts down to 0 from this.
+const CLOCK_MASK: u32 = 0xff_ffff;
+static TICKED_AT: AtomicU32 = AtomicU32::new(0);
+
+/// The pins before the pumps change: their charge lasts anew.
+fn charge_pumps() {
+    write(PUMP + 0x4, PUMP_CYCLES);
+    write(PUMP + 0x8, PUMP_CYCLES);
+    write(PUMP, 0b1001);
+}
+
+/// The pins stood still for too long.
+unsafe extern "C" fn pump_empty() {
+    write(PUMP, 0);
+    write(PUMP + 0xc, 1);
+    let passed = TICKED_AT.load(Relaxed).wrapping_sub(SYST::get_current()) & CLOCK_MASK;
+    panel::pumps_dropped(passed / (CLOCK_HZ / 1_000_000));
+}
+
 unsafe extern "C" fn timer() {
     write(TIMER + 0xc, 1);
+    TICKED_AT.store(SYST::get_current(), Relaxed);
     let inputs: Inputs = panel::inputs();
     let outputs: Outputs = torch::tick(inputs);
+    if panel::pump(outputs) {
+        charge_pumps();
+    }
     panel::show(outputs, torch::ticks());
 }
 

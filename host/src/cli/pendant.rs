@@ -15,29 +15,34 @@ use super::{Exit, Failure, port, print};
 /// Run the pendant's firmware in QEMU, to stream to and to scan with
 ///
 /// Prints its port for --port, and the panel's socket. Keys, here or written to the panel's socket: e emergency stop,
-/// g grip or release the enabling switch, r reset button, m manual mode, q quit (here only). The lamps are printed
+/// g grip or release the enabling switch, r reset button, m manual mode, c confirm where the torch is, q quit (here only). The lamps are printed
 /// when they change, and written to whoever is connected to the panel.
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
     /// Simulate it; a real pendant is simply plugged in
     #[arg(long, required = true)]
     sim: bool,
+    /// A robot port is fitted: print its socket, too; without a robot there nothing starts
+    #[arg(long)]
+    robot_port: bool,
     /// The firmware [default: the newest in firmware/target]
     #[arg(long, value_name = "FILE")]
     elf: Option<PathBuf>,
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    let (mut emulator, panel) = port::boot(args.elf.as_deref())?;
+    let (mut emulator, panel) = port::boot(args.elf.as_deref(), args.robot_port)?;
     let shown = panel.watch();
     let socket = emulator.folder().join("operator");
     let failed = |error: std::io::Error| Failure::new(Exit::Pendant, format!("the panel's socket: {error}"));
     serve(UnixListener::bind(&socket).map_err(failed)?, panel.clone());
     print(&format!(
-        "port {}\npanel {}\nkeys: e emergency stop, g grip/release enabling switch, r reset button, m manual, q quit\n",
+        "port {}\npanel {}\nkeys: e emergency stop, g grip/release enabling switch, r reset button, m manual, c confirm, q quit\n{}",
         emulator.address(),
-        socket.display()
+        socket.display(),
+        if args.robot_port { format!("robot unix:{}\n", emulator.robot().display()) } else { String::new() }
     ))?;
+    let parent = std::os::unix::process::parent_id();
     let mut keys = Keys::new();
     loop {
         match keys.next() {
@@ -47,6 +52,8 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
                     print(&format!("{said}\n"))?;
                 }
             }
+            // Its parent has gone: nobody would ever end it.
+            None if std::os::unix::process::parent_id() != parent => return Ok(()),
             None => match shown.recv_timeout(Duration::from_millis(50)) {
                 Ok(seen) => print(&format!("{seen}\n"))?,
                 Err(RecvTimeoutError::Timeout) if emulator.is_running() => {}

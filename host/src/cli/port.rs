@@ -43,25 +43,35 @@ impl Port {
     pub(super) fn open(&self) -> Result<Link, Failure> {
         open(&self.port, self.baud)
     }
-}
 
-impl PortOrSim {
-    /// The link, and the emulator at its other end, if there is one.
-    pub(super) fn open(&self) -> Result<(Link, Option<Emulator>), Failure> {
-        let emulator = if self.sim { Some(boot(self.elf.as_deref())?.0) } else { None };
-        let simulated = emulator.as_ref().map(Emulator::address);
-        let address = self.port.as_ref().or(simulated).ok_or_else(|| {
-            Failure::new(Exit::Usage, "no pendant named")
-                .hint("add --port PORT, or --sim for a simulated one")
-        })?;
-        Ok((open(address, self.baud)?, emulator))
+    /// A session that goes on with the path of a host that was lost.
+    pub(super) fn attach(&self, former: link::Former) -> Result<Link, Failure> {
+        let line = serial::open(&self.port, self.baud)
+            .map_err(|error| Failure::new(Exit::Pendant, &error).hint(error.hint()))?;
+        Link::attach(line, former).map_err(lost)
     }
 }
 
-/// Starts the firmware in the emulator.
-pub(super) fn boot(elf: Option<&std::path::Path>) -> Result<(Emulator, emulator::Panel), Failure> {
+impl PortOrSim {
+    /// The link, and the emulator at its other end with its panel, if there is one.
+    pub(super) fn open(&self) -> Result<(Link, Option<Simulated>), Failure> {
+        let simulated = if self.sim { Some(boot(self.elf.as_deref(), false)?) } else { None };
+        let emulator = simulated.as_ref().map(|(emulator, _)| emulator);
+        let address = self.port.as_ref().or(emulator.map(Emulator::address)).ok_or_else(|| {
+            Failure::new(Exit::Usage, "no pendant named")
+                .hint("add --port PORT, or --sim for a simulated one")
+        })?;
+        Ok((open(address, self.baud)?, simulated))
+    }
+}
+
+/// An emulator and its panel.
+pub(super) type Simulated = (Emulator, emulator::Panel);
+
+/// Starts the firmware in the emulator; `port`: with a robot port.
+pub(super) fn boot(elf: Option<&std::path::Path>, port: bool) -> Result<Simulated, Failure> {
     emulator::firmware(elf)
-        .and_then(|program| Emulator::boot(&program))
+        .and_then(|program| Emulator::boot(&program, port))
         .map_err(|error| Failure::new(Exit::Pendant, &error).hint(error.hint()))
 }
 

@@ -7,10 +7,13 @@ use nalgebra::Isometry3;
 use weldpath::files::File;
 use weldpath::lab::simulation;
 use weldpath::lab::simulation::{Noise, Part, Request};
+use weldpath::pendant::emulator::{Inputs, Panel};
+use weldpath::pendant::link::{Event, Link};
 use weldpath::pendant::teleop;
 use weldpath::pendant::teleop::{REGIONS, Session, Setup, generator, recording};
 use weldpath::run::job::quantity::Place;
-use weldpath_core::wire::WireHandFrame;
+use weldpath_core::interlock::Fault;
+use weldpath_core::wire::{Telemetry, WireHandFrame};
 
 use super::folder::{Folder, FolderArgs};
 use super::port::{PortOrSim, lost};
@@ -110,7 +113,8 @@ fn scan(args: &Args, request: &Request, setup: &Setup) -> Result<(), Failure> {
         })
     };
     let frames = recording::join(args.hands.iter().map(read).collect::<Result<Vec<_>, _>>()?);
-    let (link, _emulator) = args.port.open()?;
+    let (link, simulated) = args.port.open()?;
+    enable(&link, simulated.as_ref().map(|(_, panel)| panel), args.quiet)?;
     let session = play(&frames, setup, &link, args.quiet)?;
     if !args.quiet {
         print(&table(&session))?;
@@ -127,19 +131,51 @@ fn scan(args: &Args, request: &Request, setup: &Setup) -> Result<(), Failure> {
     if args.quiet { Ok(()) } else { print(&text) }
 }
 
-fn play(
-    frames: &[WireHandFrame],
-    setup: &Setup,
-    link: &weldpath::pendant::link::Link,
-    quiet: bool,
-) -> Result<Session, Failure> {
+/// Hands move the camera only while the switch is held and the key is in manual: in a simulation that is done here, at a
+/// real pendant by whoever holds it.
+fn enable(link: &Link, panel: Option<&Panel>, quiet: bool) -> Result<(), Failure> {
+    let failed = |error: std::io::Error| Failure::new(Exit::Pendant, format!("the simulated panel: {error}"));
+    let mut told = false;
+    loop {
+        let Some(Event::Telemetry(state)) = link.next(Duration::from_millis(20)).map_err(lost)? else {
+            continue;
+        };
+        if state.fault == Some(Fault::EStop) && panel.is_some() {
+            // The emulator was slow to hear its panel, which counts as a stop.
+            panel.map_or(Ok(()), Panel::reset).map_err(failed)?;
+            continue;
+        }
+        let held = state.pins & Telemetry::ENABLED != 0;
+        if held && state.pins & Telemetry::MANUAL != 0 {
+            return Ok(());
+        }
+        match panel {
+            Some(panel) => {
+                panel.manual(true).map_err(failed)?;
+                panel.set(Inputs::default()).map_err(failed)?;
+                std::thread::sleep(Duration::from_millis(60));
+                panel.set(Inputs { enable: true, ..Inputs::default() }).map_err(failed)?;
+                std::thread::sleep(Duration::from_millis(60));
+            }
+            None if !told && !quiet => {
+                told = true;
+                print(
+                    "waiting for the key switch in manual and the enabling switch (released first, then held)\n",
+                )?;
+            }
+            None => {}
+        }
+    }
+}
+
+fn play(frames: &[WireHandFrame], setup: &Setup, link: &Link, quiet: bool) -> Result<Session, Failure> {
     let bar =
         progress::bar(quiet, frames.len() as u64, "{bar:24} {pos}/{len} frames {elapsed:>4}, {eta} left");
     let ask = |command| {
         bar.inc(1);
         link.ask(command)
     };
-    let played = teleop::play(frames, setup, ask);
+    let played = teleop::play(frames, setup, &link.pendant().limits.jog, teleop::Pace::Recorded, ask);
     bar.finish_and_clear();
     played.map_err(|error| match error {
         teleop::Error::Link(error) => lost(error),

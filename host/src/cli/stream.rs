@@ -4,13 +4,18 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use indicatif::ProgressBar;
+use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 use weldpath::files::reading;
 use weldpath::output::json;
 use weldpath::pendant::link::program;
 use weldpath::pendant::link::program::Upload;
-use weldpath::pendant::link::{Event, Link, cause_words, fault_words, refusal_words, state_words};
+use weldpath::pendant::link::{
+    Event, Former, HELLO_PATIENCE, Link, cause_words, fault_words, refusal_words, rest, saved, state_words,
+};
+use weldpath::run::job::Job;
+use weldpath::weld::program::Waypoint;
 use weldpath_core::interlock::State;
-use weldpath_core::wire::{Answer, Command, Field, Refusal, Telemetry};
+use weldpath_core::wire::{self, Answer, Command, Field, ProcessTimes, Refusal, Telemetry};
 
 use super::folder::settle;
 use super::keys::{CTRL_C, Keys};
@@ -35,6 +40,18 @@ pub(super) struct Args {
     /// Move without striking the arc
     #[arg(long)]
     no_arc: bool,
+    /// Go on with the path that the pendant still holds, after this program or its computer was lost
+    #[arg(long)]
+    resume: bool,
+    /// Weld only from this waypoint of path.json on, counted from 0, with a lead-in along the torch
+    #[arg(long, value_name = "N", conflicts_with = "resume")]
+    from_waypoint: Option<usize>,
+    /// Weld only from so far along the path on, with a lead-in along the torch
+    #[arg(long, value_name = "MM", conflicts_with_all = ["resume", "from_waypoint"], allow_negative_numbers = true)]
+    from_mm: Option<f64>,
+    /// If the torch is not where the path begins: go there slowly first, off the work along the torch, with the arc barred
+    #[arg(long, conflicts_with = "resume")]
+    approach: bool,
     /// Print nothing but errors
     #[arg(long, short)]
     quiet: bool,
@@ -44,6 +61,8 @@ pub(super) struct Args {
 const PATH: u16 = 1;
 /// Farthest way back, mm.
 const MOST_BACK_MM: f64 = 1000.0;
+/// What to do where the torch is elsewhere.
+const WAY_THERE: &str = "bring it there and press confirm at the pendant, or let --approach go there";
 const TURN: Duration = Duration::from_millis(20);
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
@@ -53,20 +72,106 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
             format!("--back-mm is {}, not 0 to {MOST_BACK_MM}", args.back_mm),
         ));
     }
-    let planned = read(&args.program)?;
-    let link = args.port.open()?;
+    let planned = part(args, read(&args.program)?)?;
+    let times = process_times(&args.program)?;
+    let kept = saved::place(&args.program);
+    let link = if args.resume { attach(args, &kept)? } else { args.port.open()? };
     let limits = link.pendant().limits;
-    let upload = program::upload(&planned, &limits).map_err(|error| {
-        Failure::new(Exit::Unfinished, error)
-            .hint("plan again with what the pendant can do; nothing was sent")
-    })?;
-    let mut weld = Weld::new(args, &link, &upload);
+    let upload = |program: &[Waypoint]| {
+        program::upload(program, &limits).map(|upload| Upload { times, ..upload }).map_err(|error| {
+            Failure::new(Exit::Unfinished, error)
+                .hint("plan again with what the pendant can do; nothing was sent")
+        })
+    };
+    let path = upload(&planned)?;
+    if args.resume {
+        let mut weld = Weld::new(args, &link, &path, PATH, Keys::new());
+        weld.go_on(&kept)?;
+        return weld.watch();
+    }
+    let (mut id, mut keys) = (PATH, Keys::new());
+    if args.approach
+        && let Some(way) = way_to(&link, &planned)?
+    {
+        let way = upload(&way)?;
+        let mut approach = Weld::new(args, &link, &way, id, keys);
+        approach.say("approach, slowly, with the arc barred:")?;
+        approach.load()?;
+        approach.wait_and_start()?;
+        approach.watch()?;
+        keys = approach.keys;
+        id += 1;
+    }
+    let mut weld = Weld::new(args, &link, &path, id, keys);
     weld.load()?;
+    weld.keep_session(&kept)?;
     weld.wait_and_start()?;
     weld.watch()
 }
 
-fn read(program: &Path) -> Result<Vec<weldpath::weld::program::Waypoint>, Failure> {
+/// What of the program is to be welded.
+fn part(args: &Args, planned: Vec<Waypoint>) -> Result<Vec<Waypoint>, Failure> {
+    let part = match (args.from_waypoint, args.from_mm) {
+        (Some(at), _) => rest::from_waypoint(&planned, at),
+        (_, Some(at_mm)) => rest::from_mm(&planned, at_mm),
+        _ => return Ok(planned),
+    };
+    part.map_err(|error| Failure::new(Exit::Usage, error))
+}
+
+/// The job's times, if the job lies beside the program; else the pendant's usual ones.
+fn process_times(program: &Path) -> Result<ProcessTimes, Failure> {
+    let folder = if program.is_dir() { program } else { program.parent().unwrap_or(Path::new("")) };
+    let file = folder.join("job.toml");
+    if !file.exists() {
+        return Ok(ProcessTimes::default());
+    }
+    let arc = Job::read(&file).map_err(|error| Failure::new(Exit::Input, error))?.arc();
+    let ms = |s: f64| (s * 1000.0).round().clamp(0.0, f64::from(u16::MAX)) as u16;
+    Ok(ProcessTimes {
+        pre_flow_ms: ms(arc.gas_preflow_s),
+        strike_ms: ms(arc.strike_s),
+        crater_fill_ms: ms(arc.crater_s),
+        post_flow_ms: ms(arc.gas_postflow_s),
+        ..ProcessTimes::default()
+    })
+}
+
+/// A session that goes on with the path of the one that was kept.
+fn attach(args: &Args, kept: &Path) -> Result<Link, Failure> {
+    let former = saved::read(kept).map_err(|error| {
+        Failure::new(Exit::Input, format!("cannot read {}: {error}", kept.display()))
+            .hint("`weldpath stream` writes it before it starts; --from-mm or --from-waypoint need none")
+    })?;
+    args.port.attach(former)
+}
+
+/// A slow way from where the torch is said to be to where the program begins; none if it is there or nobody knows.
+fn way_to(link: &Link, planned: &[Waypoint]) -> Result<Option<Vec<Waypoint>>, Failure> {
+    let (end, limits) = (Instant::now() + HELLO_PATIENCE, &link.pendant().limits);
+    while Instant::now() < end {
+        let Some(Event::Telemetry(state)) = link.next(TURN).map_err(lost)? else { continue };
+        let told = state.robot.map(|robot| robot.pose).or((!limits.port).then_some(state.pose));
+        let known = state.pins & Telemetry::POSE_KNOWN != 0;
+        let (Some(pose), true, Some(first)) = (told, known, planned.first()) else { continue };
+        let [w, i, j, k] = pose.orientation_q15.map(f64::from);
+        let rotation = UnitQuaternion::new_normalize(Quaternion::new(w, i, j, k));
+        let [x, y, z] = pose.position_um.map(|um| f64::from(um) * 1e-3);
+        let here = Isometry3::from_parts(Translation3::new(x, y, z), rotation);
+        let away_mm = (here.translation.vector - first.position_mm.coords).norm();
+        let turned_rad = here.rotation.angle_to(&first.base_from_torch);
+        let near =
+            away_mm * 1e3 <= f64::from(limits.near_um) && turned_rad * 1e3 <= f64::from(limits.near_mrad);
+        return Ok((!near).then(|| rest::approach(&here, planned)));
+    }
+    Err(Failure::new(
+        Exit::Unfinished,
+        "it is not known where the torch is, so there is no way to an approach",
+    )
+    .hint("bring the torch to where the path begins and press confirm at the pendant"))
+}
+
+fn read(program: &Path) -> Result<Vec<Waypoint>, Failure> {
     let file = if program.is_dir() { program.join("path.json") } else { program.into() };
     settle(file.parent().unwrap_or(Path::new("")))?;
     let cannot = |why: String| {
@@ -82,6 +187,7 @@ struct Weld<'a> {
     args: &'a Args,
     link: &'a Link,
     upload: &'a Upload,
+    path: u16,
     keys: Keys,
     bar: ProgressBar,
     state: Option<Telemetry>,
@@ -89,11 +195,10 @@ struct Weld<'a> {
 }
 
 impl<'a> Weld<'a> {
-    fn new(args: &'a Args, link: &'a Link, upload: &'a Upload) -> Self {
-        let keys = Keys::new();
+    fn new(args: &'a Args, link: &'a Link, upload: &'a Upload, path: u16, keys: Keys) -> Self {
         let template = "{bar:32} {pos}/{len} waypoints {elapsed:>4}, {eta} left {msg}";
         let bar = progress::bar(args.quiet || !keys.is_terminal(), upload.waypoints.len() as u64, template);
-        Self { args, link, upload, keys, bar, state: None, said: None }
+        Self { args, link, upload, path, keys, bar, state: None, said: None }
     }
 
     fn say(&self, text: &str) -> Result<(), Failure> {
@@ -102,7 +207,7 @@ impl<'a> Weld<'a> {
 
     /// Sends the path until it is there, or, if it is longer than the ring, until the ring is half full.
     fn load(&mut self) -> Result<(), Failure> {
-        let begin = self.upload.begin(PATH, &self.link.pendant().limits);
+        let begin = self.upload.begin(self.path, &self.link.pendant().limits);
         let prefilled = self.link.pendant().limits.ring / 2 + u32::from(begin.chunk);
         let began = Instant::now();
         self.bar.set_message("loading");
@@ -121,6 +226,57 @@ impl<'a> Weld<'a> {
         self.say(&format!(
             "{how} {total} waypoints, {took_s:.2} s; they take {weld_s:.1} s, without the arc's times"
         ))
+    }
+
+    /// What a later host needs to go on, before anything moves. A path that is longer than the ring is not gone on with.
+    fn keep_session(&self, kept: &Path) -> Result<(), Failure> {
+        let digest = wire::path_digest(&self.upload.waypoints).unwrap_or(0);
+        let former = Former { nonce: self.link.nonce(), path: self.path, digest };
+        saved::keep(kept, &former)
+            .map_err(|error| Failure::new(Exit::Output, format!("cannot write {}: {error}", kept.display())))
+    }
+
+    /// Attached to a held path: waits for the switch, gripped anew, and resumes with the overlap.
+    fn go_on(&mut self, kept: &Path) -> Result<(), Failure> {
+        let cannot =
+            |error: std::io::Error| Failure::new(Exit::Input, format!("{}: {error}", kept.display()));
+        let former = saved::read(kept).map_err(cannot)?;
+        if wire::path_digest(&self.upload.waypoints) != Some(former.digest) {
+            let why = "the program is not the one that the pendant holds: it was planned anew";
+            return Err(Failure::new(Exit::Input, why).hint("plan as before, or --from-mm with the new plan"));
+        }
+        self.path = former.path;
+        self.keep_session(kept)?;
+        let (mut told, mut entered) = (None, !self.keys.is_terminal());
+        loop {
+            self.next()?;
+            let Some(state) = self.state else { continue };
+            let place = self.place(&state);
+            let wanted = if state.state != State::Held {
+                format!("the pendant is {}: nothing to go on with", state_words(state.state))
+            } else if state.pins & Telemetry::ENABLED == 0 {
+                format!("{place}; waiting for the enabling switch (released first, then held)")
+            } else if !entered {
+                format!("{place}; Enter goes on, s ends")
+            } else {
+                match self.resume()? {
+                    Answer::Refused(why) => refusal_words(why),
+                    _ => return self.say(&format!("going on from there, {} mm back", self.args.back_mm)),
+                }
+            };
+            if told.as_ref() != Some(&wanted) {
+                self.say(&wanted)?;
+                told = Some(wanted);
+            }
+            match self.keys.next() {
+                Some(b'\n' | b'\r' | b'r') => entered = true,
+                Some(b's' | CTRL_C) => {
+                    self.ask(Command::Abort { path: self.path })?;
+                    return Err(Failure::new(Exit::Unfinished, "ended; the rest is --from-mm's"));
+                }
+                _ => {}
+            }
+        }
     }
 
     /// The next event, with what every stage has to do about it done.
@@ -162,7 +318,7 @@ impl<'a> Weld<'a> {
     fn stop_if_asked(&mut self) -> Result<(), Failure> {
         match self.keys.next() {
             Some(b's' | CTRL_C) => {
-                self.ask(Command::Abort { path: PATH })?;
+                self.ask(Command::Abort { path: self.path })?;
                 Err(Failure::new(Exit::Unfinished, "stopped before the start; nothing moved"))
             }
             _ => Ok(()),
@@ -187,6 +343,9 @@ impl<'a> Weld<'a> {
                 None if !entered => "Enter starts; s ends".into(),
                 None => match self.start()? {
                     None => return Ok(()),
+                    Some(refused @ Refusal::Away { .. }) => {
+                        format!("{}; {WAY_THERE}", refusal_words(refused))
+                    }
                     Some(refused) => refusal_words(refused),
                 },
             };
@@ -197,7 +356,7 @@ impl<'a> Weld<'a> {
             match self.keys.next() {
                 Some(b'\n' | b'\r') => entered = true,
                 Some(b's' | CTRL_C) => {
-                    self.ask(Command::Abort { path: PATH })?;
+                    self.ask(Command::Abort { path: self.path })?;
                     return Err(Failure::new(Exit::Unfinished, "stopped before the start; nothing moved"));
                 }
                 _ => {}
@@ -209,14 +368,18 @@ impl<'a> Weld<'a> {
     fn start(&mut self) -> Result<Option<Refusal>, Failure> {
         self.arm()?;
         self.bar.set_message("h hold, r resume, s stop");
-        match self.ask(Command::Start { path: PATH })? {
+        match self.ask(Command::Start { path: self.path })? {
             Answer::Refused(why) => Ok(Some(why)),
             _ => Ok(None),
         }
     }
 
+    fn welds(&self) -> bool {
+        self.upload.waypoints.iter().any(|waypoint| waypoint.weld)
+    }
+
     fn arm(&self) -> Result<(), Failure> {
-        self.ask(Command::ArcArm { armed: !self.args.no_arc }).map(drop)
+        self.ask(Command::ArcArm { armed: !self.args.no_arc && self.welds() }).map(drop)
     }
 
     /// Until the path is finished or cannot be.
@@ -229,7 +392,7 @@ impl<'a> Weld<'a> {
             let event = self.next()?;
             let (Some(Event::Telemetry(_)), Some(state)) = (event, self.state) else { continue };
             self.bar.set_position(state.segment.into());
-            if state.finished == Some(PATH) {
+            if state.finished == Some(self.path) {
                 self.bar.finish_and_clear();
                 let took_s = began.elapsed().as_secs_f64();
                 return self
@@ -268,7 +431,7 @@ impl<'a> Weld<'a> {
             _ => String::new(),
         };
         if state.state == State::Held {
-            self.ask(Command::Abort { path: PATH })?;
+            self.ask(Command::Abort { path: self.path })?;
         }
         self.bar.finish_and_clear();
         let message = format!("the weld was not finished: {}{why}", self.place(state));
@@ -296,7 +459,7 @@ impl<'a> Weld<'a> {
         };
         self.arm()?;
         let back_um = (self.args.back_mm * 1000.0).round() as u32;
-        let resume = |back_um| self.ask(Command::Resume { path: PATH, changes: held.changes, back_um });
+        let resume = |back_um| self.ask(Command::Resume { path: self.path, changes: held.changes, back_um });
         match resume(back_um)? {
             // There is not so much path behind the torch: it goes on from where it stands.
             Answer::Refused(Refusal::Value(Field::Back)) => resume(0),

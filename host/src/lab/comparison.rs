@@ -28,6 +28,7 @@ use crate::pipeline::{self, Plan};
 use crate::run::job::Job;
 use crate::run::postprocessing;
 use crate::run::postprocessing::postprocess;
+use weldpath_core::pendant::JOG_LIMITS;
 
 /// Where the pieces come from, and how often the run time is measured.
 #[derive(Debug, Clone)]
@@ -216,12 +217,13 @@ fn interaction() -> Result<Vec<Interaction>, Error> {
         steer_right: false,
     };
     let frames = generator::recording(&setup, &stage.base_from_camera).ok_or(Error::Hands)?;
-    let mut twin = Twin::new(&setup.jog().ok_or(Error::Hands)?);
+    let mut twin = Twin::new(&setup.jog().ok_or(Error::Hands)?, &JOG_LIMITS);
     let answer = |command| match command {
-        weldpath_core::wire::Command::HandFrame(frame) => Ok(twin.answer(&frame)),
+        weldpath_core::wire::Command::HandFrame(frame) => Ok(twin.answer(&frame, frame.time_ms)),
         _ => Ok::<_, std::convert::Infallible>(weldpath_core::wire::Answer::Done),
     };
-    let session = teleop::play(&frames, &setup, answer).map_err(|_| Error::Hands)?;
+    let session = teleop::play(&frames, &setup, &JOG_LIMITS, teleop::Pace::Answers, answer)
+        .map_err(|_| Error::Hands)?;
     let row = |motion, latency: &[std::time::Duration]| Interaction {
         motion,
         frames: latency.len(),

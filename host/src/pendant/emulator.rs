@@ -2,7 +2,7 @@
 
 mod panel;
 
-pub use panel::{Inputs, Panel, Seen};
+pub use panel::{Broken, Inputs, Panel, Seen};
 
 use std::fs::{self, File};
 use std::io::{self, BufRead, BufReader, Write};
@@ -103,10 +103,11 @@ pub struct Emulator {
 }
 
 impl Emulator {
-    /// Boots the program on a pseudo-terminal; its panel has emergency stop and enabling switch released.
-    pub fn boot(program: &Path) -> Result<(Self, Panel), Error> {
+    /// Boots the program on a pseudo-terminal; its panel has emergency stop and enabling switch released. `port`: a robot
+    /// port is fitted, behind the socket [`Self::robot`].
+    pub fn boot(program: &Path, port: bool) -> Result<(Self, Panel), Error> {
         let mut emulator = Self::load(program, Wire::Pty, Clock::Host)?;
-        let panel = emulator.panel()?;
+        let panel = emulator.panel(port)?;
         emulator.tell("cont")?;
         Ok((emulator, panel))
     }
@@ -127,9 +128,14 @@ impl Emulator {
         }
     }
 
-    /// Its panel, which says now that everything is released. There is one.
-    pub fn panel(&mut self) -> io::Result<Panel> {
-        Panel::new(connect(&mut self.child, &self.folder.path().join("panel"))?)
+    /// Its panel, which says now that everything is released. There is one. `port`: a robot port is fitted.
+    pub fn panel(&mut self, port: bool) -> io::Result<Panel> {
+        Panel::new(connect(&mut self.child, &self.folder.path().join("panel"))?, port)
+    }
+
+    /// The socket of the robot port.
+    pub fn robot(&self) -> PathBuf {
+        self.folder.path().join("robot")
     }
 
     /// One command without arguments: `cont`, `stop`, `system_reset`, `quit`.
@@ -259,6 +265,7 @@ fn command(program: &Path, folder: &Path, wire: Wire, clock: Clock) -> Result<Co
     command.args(["-M", "mps2-an386", "-nodefaults", "-display", "none", "-monitor", "none", "-S"]);
     command.args(["-chardev", &link, "-serial", "chardev:link"]);
     command.args(["-chardev", &socket("panel"), "-serial", "chardev:panel"]);
+    command.args(["-chardev", &socket("robot"), "-serial", "chardev:robot"]);
     command.args(["-chardev", &socket("control"), "-qmp", "chardev:control"]);
     command.args(["-semihosting-config", "enable=on,target=native"]);
     if clock == Clock::Instructions {

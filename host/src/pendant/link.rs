@@ -4,6 +4,8 @@
 //! reading. Dropping the [`Link`] ends both; the pendant then hears nothing more and holds within its silence limit.
 
 pub mod program;
+pub mod rest;
+pub mod saved;
 mod words;
 
 use std::collections::HashMap;
@@ -19,12 +21,13 @@ use weldpath_core::interlock::Fault;
 use weldpath_core::sender::{self, Notice, Sender};
 use weldpath_core::wire::frame::{self, Received};
 use weldpath_core::wire::{
-    Ack, Answer, Begin, ChunkRefused, Command, FromPendant, HelloAck, HelloRefusal, MAX_HOST_FRAME,
-    PendantDeframer, Refusal, Sample, Telemetry, WireWaypoint,
+    Ack, Answer, AttachRefusal, Begin, ChunkRefused, Command, FromPendant, HelloAck, HelloRefusal,
+    MAX_HOST_FRAME, PendantDeframer, Refusal, Sample, Telemetry, WireWaypoint,
 };
 
 use crate::pendant::serial::Line;
-pub use words::{cause_words, fault_words, refusal_words, state_words};
+pub use weldpath_core::sender::Former;
+pub use words::{attach_words, cause_words, fault_words, refusal_words, state_words};
 
 /// How long a Hello is repeated: an emulator's pseudo-terminal loses its first second.
 pub const HELLO_PATIENCE: Duration = Duration::from_secs(2);
@@ -58,6 +61,9 @@ pub enum Error {
         /// The pendant's.
         pendant: u32,
     },
+    /// There is no path to go on with.
+    #[error("nothing to go on with: {}", attach_words(*.0))]
+    Attach(AttachRefusal),
     /// The pendant ended the session.
     #[error("the pendant ended the session: it was reset, or heard nothing for too long")]
     SessionLost,
@@ -75,6 +81,7 @@ impl Error {
         match self {
             Self::NoAnswer | Self::Silent => "check cable, port and --baud, and that the pendant has power",
             Self::Busy => "end the other program, or wait until the torch stands",
+            Self::Attach(_) => "`weldpath stream --from-mm` or --from-waypoint loads the rest anew",
             Self::Version { .. } | Self::Schema { .. } => "install firmware and weldpath of the same release",
             Self::SessionLost | Self::Line(_) => "nothing moves until a new session; start the command again",
         }
@@ -122,6 +129,7 @@ pub struct Link {
     told: Receiver<Told>,
     stop: Arc<AtomicBool>,
     ack: HelloAck,
+    nonce: u32,
 }
 
 impl Link {
@@ -136,18 +144,39 @@ impl Link {
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
     pub fn open(line: Line) -> Result<Self, Error> {
+        Self::start(line, None)
+    }
+
+    /// As [`Self::open`], going on with the path of a host that was lost.
+    pub fn attach(line: Line, former: Former) -> Result<Self, Error> {
+        Self::start(line, Some(former))
+    }
+
+    /// The session's nonce, by which a later host goes on with its path.
+    pub fn nonce(&self) -> u32 {
+        self.nonce
+    }
+
+    fn start(line: Line, former: Option<Former>) -> Result<Self, Error> {
+        // Randomly seeded by the standard library, anew for each.
+        let nonce = RandomState::new().hash_one(0) as u32;
+        let mut sender = Sender::new(&sender::Config::default());
+        match former {
+            Some(former) => sender.attach(nonce, former),
+            None => sender.open(nonce),
+        }
         let (inputs, received) = channel();
         let (tell, told) = channel();
         let stop = Arc::new(AtomicBool::new(false));
         let Line { reader, writer } = line;
         let (to_driver, stopped) = (inputs.clone(), Arc::clone(&stop));
         thread::spawn(move || read(reader, &to_driver, &stopped));
-        thread::spawn(move || Driver::new(writer, tell).run(&received));
+        thread::spawn(move || Driver::new(sender, writer, tell).run(&received));
         // From here on dropping ends the threads, whatever comes of the Hello.
         let mut opening = Opening { inputs: Some(inputs), stop: Arc::clone(&stop) };
         let ack = connected(&told)?;
         let inputs = opening.inputs.take().ok_or(Error::NoAnswer)?;
-        Ok(Self { inputs, told, stop, ack })
+        Ok(Self { inputs, told, stop, ack, nonce })
     }
 
     /// Version, boot nonce and limits of the pendant.
@@ -257,10 +286,7 @@ struct Driver {
 }
 
 impl Driver {
-    fn new(writer: Box<dyn Write + Send>, tell: Channel<Told>) -> Self {
-        let mut sender = Sender::new(&sender::Config::default());
-        // Randomly seeded by the standard library, anew for each.
-        sender.open(RandomState::new().hash_one(0) as u32);
+    fn new(sender: Sender, writer: Box<dyn Write + Send>, tell: Channel<Told>) -> Self {
         Self {
             sender,
             writer,
@@ -325,6 +351,8 @@ impl Driver {
         match notice {
             Notice::Nothing | Notice::Loading | Notice::Unread(_) => {}
             Notice::Connected(ack) => drop(self.tell.send(Told::Connected(ack))),
+            Notice::AttachRefused(AttachRefusal::Busy) => drop(self.tell.send(Told::Busy)),
+            Notice::AttachRefused(why) => return Err(Some(Error::Attach(why))),
             Notice::Refused(HelloRefusal::Busy) => drop(self.tell.send(Told::Busy)),
             Notice::Refused(HelloRefusal::Version { host, pendant }) => {
                 return Err(Some(Error::Version { host, pendant }));

@@ -14,7 +14,9 @@ use weldpath_core::path::interpolation::position_between;
 use weldpath_core::pendant::Task;
 use weldpath_core::rotation::Arc;
 use weldpath_core::tasks::{Tasks, Workspace};
-use weldpath_core::wire::{Answer, Command, Hand, Refusal, WireCameraPose, WireHandFrame, WireJog, WirePose};
+use weldpath_core::wire::{
+    Answer, Command, Hand, JogLimits, Refusal, WireCameraPose, WireHandFrame, WireJog, WirePose,
+};
 use weldpath_core::{Orientation, Point};
 
 /// The camera moves no faster, whatever comes over the line, mm/s.
@@ -23,6 +25,8 @@ pub const MOST_MM_S: f64 = 250.0;
 pub const MOST_RAD_S: f64 = 1.5;
 /// After a longer gap between frames the camera does not catch up, s.
 const LONGEST_STEP_S: f64 = 0.1;
+/// The sensor lies flat, its user looking along the base's y: a quarter turn about x.
+pub const BASE_FROM_SENSOR_Q15: [i16; 4] = [23_170, 23_170, 0, 0];
 /// Names of the regions by their number on the wire.
 pub const REGIONS: [&str; 7] = ["rotation", "left", "right", "up", "down", "inward", "outward"];
 
@@ -94,25 +98,42 @@ impl Setup {
             box_center_um: [x?, y?, z?],
             box_size_um: [edge_um; 3],
             steer_right: self.steer_right,
+            base_from_sensor_q15: BASE_FROM_SENSOR_Q15,
         })
     }
 }
 
-/// Plays hand frames to a pendant, as fast as it answers; `ask` carries a command there and its answer back.
+/// How fast a recording is played.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Pace {
+    /// As it was recorded: the pendant moves the camera by its own clock.
+    Recorded,
+    /// As fast as it is answered, by somebody who takes the sensor's clock for his own.
+    Answers,
+}
+
+/// Plays hand frames to a pendant; `ask` carries a command there and its answer back.
 pub fn play<E: std::error::Error + 'static>(
     frames: &[WireHandFrame],
     setup: &Setup,
+    limits: &JogLimits,
+    pace: Pace,
     mut ask: impl FnMut(Command) -> Result<Answer, E>,
 ) -> Result<Session, Error<E>> {
     let jog = setup.jog().ok_or(Error::Setup)?;
-    let mut twin = Twin::new(&jog);
+    let mut twin = Twin::new(&jog, limits);
     if let Answer::Refused(why) = ask(Command::SetJog(jog)).map_err(Error::Link)? {
         return Err(Error::Refused { frame: 0, why });
     }
     let mut session = Session::default();
     let mut camera = Follower { base_from_camera: setup.base_from_camera, time_ms: None };
     let mut commanded = setup.base_from_camera;
+    let (begun, first_ms) = (Instant::now(), frames.first().map_or(0, |frame| frame.time_ms));
     for (index, frame) in frames.iter().enumerate() {
+        if pace == Pace::Recorded {
+            let due = Duration::from_millis(frame.time_ms.saturating_sub(first_ms).into());
+            std::thread::sleep(due.saturating_sub(begun.elapsed()));
+        }
         let asked = Instant::now();
         let answer = ask(Command::HandFrame(*frame)).map_err(Error::Link)?;
         let took = asked.elapsed();
@@ -127,7 +148,7 @@ pub fn play<E: std::error::Error + 'static>(
         commanded = target;
         camera.follow(&target, frame.time_ms);
         session.count(steering(frame, setup.steer_right), &pose, took);
-        session.agreed += usize::from(twin.answer(frame) == answer);
+        session.agreed += usize::from(twin.answer(frame, pose.time_ms) == answer);
         if pose.capture {
             session.captures.push((index, camera.base_from_camera));
         }
@@ -178,20 +199,22 @@ impl Follower {
 pub struct Twin {
     tasks: Tasks,
     workspace: Box<Workspace>,
+    begun: bool,
 }
 
 impl Twin {
     /// Gestures from this start.
-    pub fn new(jog: &WireJog) -> Self {
+    pub fn new(jog: &WireJog, limits: &JogLimits) -> Self {
         let mut twin = Self::default();
         // A refusal here is a refusal there, which is what counts.
-        let _ = twin.tasks.perform(&Task::Jog(*jog), &mut twin.workspace);
+        let _ = twin.tasks.perform(&Task::Jog(*jog, *limits), &mut twin.workspace);
         twin
     }
 
-    /// The answer to a frame.
-    pub fn answer(&mut self, frame: &WireHandFrame) -> Answer {
-        self.tasks.perform(&Task::HandFrame(*frame), &mut self.workspace)
+    /// The answer to a frame that the pendant took at this time of its own clock.
+    pub fn answer(&mut self, frame: &WireHandFrame, time_ms: u32) -> Answer {
+        let anew = !std::mem::replace(&mut self.begun, true);
+        self.tasks.perform(&Task::HandFrame { hands: *frame, time_ms, anew }, &mut self.workspace)
     }
 
     /// The answer to a neighbourhood.

@@ -31,6 +31,21 @@ impl Panel {
         self.set(Inputs { reset: false, ..others })
     }
 
+    /// Presses the button that confirms where the torch is.
+    pub fn confirm(&self) -> io::Result<()> {
+        self.panel.confirm()
+    }
+
+    /// Turns the key switch.
+    pub fn manual(&self, manual: bool) -> io::Result<()> {
+        self.panel.manual(manual)
+    }
+
+    /// Breaks or mends a contact.
+    pub fn break_contact(&self, what: emulator::Broken, broken: bool) -> io::Result<()> {
+        self.panel.break_contact(what, broken)
+    }
+
     /// A byte as it is: `?` report the stack's use, `!` panic, `$` hang, `%` overflow the stack.
     pub fn send(&self, byte: u8) -> io::Result<()> {
         self.panel.send(byte)

@@ -15,6 +15,12 @@ const ENABLE: u8 = 1 << 1;
 const RESET: u8 = 1 << 2;
 const ESTABLISHED: u8 = 1 << 3;
 const MANUAL: u8 = 1 << 4;
+/// Bits of the second byte.
+const CONFIRM: u8 = 1;
+const E_STOP_2: u8 = 1 << 1;
+const ENABLE_2: u8 = 1 << 2;
+const READBACK: u8 = 1 << 3;
+const PORT: u8 = 1 << 4;
 /// How long the reset button is pressed.
 const PRESSED: Duration = Duration::from_millis(100);
 
@@ -27,6 +33,11 @@ pub enum Seen {
     Boot(u8),
     /// Bytes of stack ever used.
     Stack(u32),
+    /// The charge pumps of arc and motion have dropped: their pins stood still.
+    PumpsDropped {
+        /// Emulated time since the last tick began, µs.
+        after_us: u32,
+    },
     /// The outputs changed.
     Outputs {
         /// Arc power.
@@ -53,6 +64,7 @@ impl fmt::Display for Seen {
                     ["a panic", "a fault", "a hang"].get(usize::from(cause) - 1).unwrap_or(&"a reset");
                 write!(f, "firmware started after {after}")
             }
+            Self::PumpsDropped { after_us } => write!(f, "charge pumps dropped after {after_us} us"),
             Self::Stack(bytes) => write!(f, "{bytes} bytes of stack used"),
             Self::Outputs { arc, gas, motion, wire, tick } => write!(
                 f,
@@ -77,6 +89,17 @@ pub struct Inputs {
     pub reset: bool,
 }
 
+/// What a test may break.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Broken {
+    /// Second contact of the emergency stop.
+    EStop,
+    /// Second contact of the enabling switch.
+    Enable,
+    /// Read-back of the outputs.
+    Readback,
+}
+
 /// Switches and lamps.
 #[derive(Clone)]
 pub struct Panel {
@@ -87,12 +110,18 @@ pub struct Panel {
 struct Switches {
     stream: UnixStream,
     inputs: u8,
+    more: u8,
 }
 
 impl Switches {
     fn set(&mut self, bit: u8, on: bool) -> io::Result<()> {
         self.inputs = if on { self.inputs | bit } else { self.inputs & !bit };
         self.say()
+    }
+
+    fn set_more(&mut self, bit: u8, on: bool) -> io::Result<()> {
+        self.more = if on { self.more | bit } else { self.more & !bit };
+        self.stream.write_all(&[0x60 | self.more])
     }
 
     fn say(&mut self) -> io::Result<()> {
@@ -106,9 +135,11 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl Panel {
-    pub(super) fn new(stream: UnixStream) -> io::Result<Self> {
+    /// `port`: the strap that says that a robot port is fitted; it has to be told before the switches.
+    pub(super) fn new(stream: UnixStream, port: bool) -> io::Result<Self> {
         let bytes = BufReader::new(stream.try_clone()?).bytes().map_while(Result::ok);
-        let mut switches = Switches { stream, inputs: 0 };
+        let mut switches = Switches { stream, inputs: 0, more: 0 };
+        switches.set_more(PORT, port)?;
         switches.set(0, false)?;
         let panel = Self { switches: Arc::new(Mutex::new(switches)), watchers: Arc::default() };
         let watched = panel.clone();
@@ -138,6 +169,28 @@ impl Panel {
         lock(&self.switches).stream.write_all(&[byte])
     }
 
+    /// Presses the button that confirms where the torch is, and lets it go.
+    pub fn confirm(&self) -> io::Result<()> {
+        lock(&self.switches).set_more(CONFIRM, true)?;
+        thread::sleep(PRESSED);
+        lock(&self.switches).set_more(CONFIRM, false)
+    }
+
+    /// Turns the key switch.
+    pub fn manual(&self, manual: bool) -> io::Result<()> {
+        lock(&self.switches).set(MANUAL, manual)
+    }
+
+    /// Breaks, or mends, the second contact of the emergency stop or of the enabling switch, or the outputs' read-back.
+    pub fn break_contact(&self, what: Broken, broken: bool) -> io::Result<()> {
+        let bit = match what {
+            Broken::EStop => E_STOP_2,
+            Broken::Enable => ENABLE_2,
+            Broken::Readback => READBACK,
+        };
+        lock(&self.switches).set_more(bit, broken)
+    }
+
     /// Presses the reset button and lets it go.
     pub fn reset(&self) -> io::Result<()> {
         lock(&self.switches).set(RESET, true)?;
@@ -146,12 +199,13 @@ impl Panel {
     }
 
     /// What an operator does with one key: `e` emergency stop, `g` grip of the enabling switch, `m` manual mode (each
-    /// the other way round than before), `r` reset button. What it is now; none for other keys.
+    /// the other way round than before), `r` reset button, `c` the torch is where it has to be. What it is now; none for other keys.
     pub fn key(&self, key: u8) -> io::Result<Option<String>> {
         let (bit, name, words) = match key {
             b'e' => (E_STOP, "emergency stop", ["released", "PRESSED"]),
             b'g' => (ENABLE, "enabling switch", ["released", "held"]),
             b'm' => (MANUAL, "mode", ["automatic", "manual"]),
+            b'c' => return self.confirm().map(|()| Some("confirm button pressed".into())),
             b'r' => return self.reset().map(|()| Some("reset button pressed".into())),
             _ => return Ok(None),
         };
@@ -170,6 +224,7 @@ impl Panel {
                 Seen::Outputs { arc, .. } => lock(&self.switches).set(ESTABLISHED, arc),
                 // Contacts are there when the firmware starts; these have to be told.
                 Seen::Boot(_) => lock(&self.switches).set(ESTABLISHED, false),
+                Seen::PumpsDropped { .. } => lock(&self.switches).set(ESTABLISHED, false),
                 Seen::AllOff | Seen::Stack(_) => Ok(()),
             };
             lock(&self.watchers).retain(|watcher| watcher.send(seen).is_ok());
@@ -191,6 +246,7 @@ fn decode(bytes: &mut Peekable<impl Iterator<Item = u8>>) -> Option<Seen> {
             }
             0xa0..=0xa3 => number(bytes).map(|_| Seen::Boot(code & 3)),
             0xb0 => number(bytes).map(Seen::Stack),
+            0xb1 => number(bytes).map(|after_us| Seen::PumpsDropped { after_us }),
             _ => None,
         };
         if seen.is_some() {
@@ -212,14 +268,14 @@ mod tests {
     fn the_switches_say_their_levels_and_the_power_source_follows_the_arc() {
         let (host, mut firmware) = UnixStream::pair().unwrap();
         firmware.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
-        let panel = Panel::new(host).unwrap();
+        let panel = Panel::new(host, false).unwrap();
         let seen = panel.watch();
         let mut said = || {
             let mut byte = [0];
             firmware.read_exact(&mut byte).unwrap();
             byte[0]
         };
-        assert_eq!(said(), 0x40);
+        assert_eq!((said(), said()), (0x60, 0x40));
         assert_eq!(panel.key(b'g').unwrap().unwrap(), "enabling switch: held");
         assert_eq!(said(), 0x42);
         assert_eq!(panel.key(b'e').unwrap().unwrap(), "emergency stop: PRESSED");

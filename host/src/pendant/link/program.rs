@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Point3, UnitQuaternion};
 use weldpath_core::path::TorchPose;
-use weldpath_core::wire::{Begin, Limits, Q15_ONE, WirePose, WireWaypoint};
+use weldpath_core::wire::{Begin, Limits, ProcessTimes, Q15_ONE, WirePose, WireWaypoint};
 use weldpath_core::{Orientation, Point};
 
 use crate::weld::program;
@@ -31,6 +31,8 @@ const STOP_S: f64 = 0.05;
 pub struct Upload {
     /// What the pendant gets.
     pub waypoints: Vec<WireWaypoint>,
+    /// Times of the arc sequence.
+    pub times: ProcessTimes,
     /// For each of them the waypoint of the program at whose move it stands, counted from 0.
     pub origin: Vec<usize>,
 }
@@ -74,7 +76,7 @@ pub enum Error {
 /// Brings a program into the pendant's form. Long moves are divided evenly, on the same line and the same arc;
 /// waypoints nearer to the one before than the pendant's shortest step are left out.
 pub fn upload(program: &[program::Waypoint], limits: &Limits) -> Result<Upload, Error> {
-    let mut upload = Upload { waypoints: Vec::new(), origin: Vec::new() };
+    let mut upload = Upload { waypoints: Vec::new(), times: ProcessTimes::default(), origin: Vec::new() };
     let mut stands = Stands::default();
     let segments: Vec<Segment> = program::segments(program).collect();
     for (index, segment) in segments.iter().enumerate() {
@@ -175,6 +177,8 @@ impl Upload {
             reach_um: limits.reach_um,
             max_step_um: ((longest_um * 1.001) as u32 + 1).min(limits.max_step_um),
             min_half_turn_cos_q15: least_cos.saturating_sub(8).max(limits.min_half_turn_cos_q15),
+            arc: self.waypoints.iter().any(|waypoint| waypoint.weld),
+            times: self.times,
         }
     }
 }

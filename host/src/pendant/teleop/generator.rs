@@ -5,12 +5,13 @@
 
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use weldpath_core::gesture::Config;
+use weldpath_core::pendant::JOG_LIMITS;
 use weldpath_core::wire::{Answer, Hand, Q15_ONE, WireHandFrame};
 
 use super::{Setup, Twin, isometry};
 
 /// Time between frames, ms.
-const FRAME_MS: u32 = 10;
+const FRAME_MS: u32 = 20;
 /// Way of the first tour along each direction, mm: more than 100 frames of 1 mm each.
 const TOUR_MM: f64 = 110.0;
 /// So near is there.
@@ -33,7 +34,7 @@ struct Hands {
 pub fn recording(setup: &Setup, captures: &[Isometry3<f64>]) -> Option<Vec<WireHandFrame>> {
     let mut hands = Hands {
         config: Config::default(),
-        twin: Twin::new(&setup.jog()?),
+        twin: Twin::new(&setup.jog()?, &JOG_LIMITS),
         setup: *setup,
         camera: setup.base_from_camera,
         attitude: UnitQuaternion::identity(),
@@ -162,7 +163,7 @@ impl Hands {
         let open = Hand { palm_um: [150_000, 200_000, 50_000], ..self.hand(Vector3::zeros(), 0.0) };
         let right = if ok { Hand { pinch_permille: 950, extended: OK, ..open } } else { open };
         let frame = WireHandFrame { time_ms: FRAME_MS * self.frames.len() as u32, left, right: Some(right) };
-        let Answer::Pose(pose) = self.twin.answer(&frame) else { return None };
+        let Answer::Pose(pose) = self.twin.answer(&frame, frame.time_ms) else { return None };
         self.camera = isometry(&pose.pose)?;
         self.frames.push(frame);
         (self.frames.len() < MOST_FRAMES).then_some(())
