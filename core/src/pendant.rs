@@ -17,7 +17,7 @@ mod robot;
 use crate::interlock::{
     ArcTimes, ArcTimesMs, Event, Fault, Inputs, Interlock, Motion, Outputs, Refused, State,
 };
-use crate::wire::frame::{self, Damage, Received};
+use crate::wire::frame::{Damage, Received};
 use crate::wire::{
     self, Answer, Attach, AttachRefusal, Chunk, ChunkRefusal, ChunkRefused, Counters, FromHost, FromPendant,
     Hello, HelloAck, HelloRefusal, HelloRefused, HostMessage, JogLimits, Limits, PendantMessage, Ping,
@@ -311,6 +311,7 @@ pub struct Pendant<const RING: usize, S = [Slot; RING]> {
     boot: u32,
     session: Option<Session>,
     life: Life,
+    silence_ticks: u32,
     requests: Requests,
     used_path: Option<u16>,
     interlock: Interlock,
@@ -354,6 +355,7 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
             boot,
             session: None,
             life: Life::default(),
+            silence_ticks: config.ticks(config.silence_ms),
             requests: Requests::default(),
             used_path: None,
             interlock: Interlock::new(arc),
@@ -451,7 +453,7 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
     pub fn receive(&mut self, received: Received<'_>) -> Action {
         match received {
             Received::Damaged(damage) => self.count(damage),
-            Received::Payload(payload) => match frame::decode::<FromHost>(payload) {
+            Received::Payload(payload) => match FromHost::decode(payload) {
                 Ok(frame) => self.handle(frame),
                 Err(why) => {
                     self.counters.unread = self.counters.unread.wrapping_add(1);
@@ -504,7 +506,7 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
     fn ping(&mut self, ping: &Ping) -> Action {
         let age = self.ticks.wrapping_sub(ping.echo);
         let ahead = ping.count.wrapping_sub(self.life.count) as i32 > 0;
-        let fresh = age <= self.silence_ticks() && age <= self.ticks.wrapping_sub(self.life.echo);
+        let fresh = age <= self.silence_ticks && age <= self.ticks.wrapping_sub(self.life.echo);
         if ahead && fresh {
             self.life = Life { count: ping.count, echo: ping.echo };
         } else {
@@ -601,11 +603,7 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
 
     /// Whether the session's newest fresh ping is within the silence limit.
     fn is_heard(&self) -> bool {
-        self.session.is_some() && self.ticks.wrapping_sub(self.life.echo) <= self.silence_ticks()
-    }
-
-    fn silence_ticks(&self) -> u32 {
-        self.config.ticks(self.config.silence_ms)
+        self.session.is_some() && self.ticks.wrapping_sub(self.life.echo) <= self.silence_ticks
     }
 
     /// Whether nothing moves nor is about to.

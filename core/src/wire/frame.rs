@@ -203,6 +203,10 @@ impl<const N: usize> Deframer<N> {
             self.overlong = false;
         }
         let mut ahead = stream;
+        if let (0, [0, rest @ ..]) = (self.length, ahead) {
+            // Most frames: the delimiter before them ends nothing.
+            ahead = rest;
+        }
         while !ahead.is_empty() {
             let free = self.stuffed.get_mut(self.length..).unwrap_or_default();
             let run = copy_run(ahead, free);

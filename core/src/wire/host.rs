@@ -3,7 +3,7 @@
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
-use super::{MAX_CHUNK, MAX_PATCH, WirePose, WireWaypoint};
+use super::{MAX_CHUNK, MAX_PATCH, Unreadable, WirePose, WireWaypoint, frame};
 
 /// Host to pendant. `session` is what `HelloAck` gave; a Hello ignores it.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -13,6 +13,15 @@ pub struct FromHost {
     pub session: u32,
     /// What it says.
     pub message: HostMessage,
+}
+
+impl FromHost {
+    /// Out of a payload whose checksum matched. Compiled here, for speed: for size, each layer of the decoder would have
+    /// a copy of the message on the stack.
+    #[inline(never)]
+    pub fn decode(payload: &[u8]) -> Result<Self, Unreadable> {
+        frame::decode(payload)
+    }
 }
 
 /// What a host says.
