@@ -145,6 +145,7 @@ mutant f9-jog-unbounded link_rules workspace pendant/command.rs 's/if !fits \{/i
 mutant port-silent-robot-starts link_port starts_nothing pendant/place.rs 's/is_some_and\(\|robot\| !robot.is_ready\(\)\)/is_some_and(|robot| robot.is_ready() \&\& false)/'
 mutant port-late-robot-runs link_port late pendant/robot.rs 's/age\(answered\) < self.config.late_ticks/age(answered) < u16::MAX/'
 mutant port-off-robot-runs link_port is_off pendant/robot.rs 's/Drives::Following => off.then_some\(Cause::RobotOff\)/Drives::Following => (off \&\& false).then_some(Cause::RobotOff)/'
+mutant port-old-pose-at-start core where_another_ended pendant/command.rs 's/^( *)self.pose = first.waypoint.pose;/\1let _ = first;/'
 
 if [ -n "$check" ] && [ "$failures" -eq 0 ]; then echo "every mutant applies" && exit; fi
 [ "$failures" -eq 0 ] && echo "every mutant turns a test red" || { echo "$failures mutants do not"; exit 1; }

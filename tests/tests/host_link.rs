@@ -384,6 +384,9 @@ fn on_wave_the_camera_turns_no_more_than_the_hand_over_the_link() {
     };
     let pendant = InProcess::on_socket().unwrap();
     let link = Link::open(serial::open(&pendant.port.parse().unwrap(), 115_200).unwrap()).unwrap();
+    pendant.manual(true);
+    pendant.grip();
+    pendant.wait_for("the switch", |seen| seen.state == State::Idle);
     let frames = recording::read(&file).unwrap();
     let session =
         teleop::play(&frames, &setup, &link.pendant().limits.jog, teleop::Pace::Recorded, |command| {

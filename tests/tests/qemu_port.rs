@@ -122,9 +122,10 @@ fn an_arm_of_its_own_process_follows_the_weld_and_a_silent_one_starts_nothing() 
         let _ = client.ask(Command::Resume { path: 1, changes: held.changes, back_um: 0 }).expect("asked");
         client.wait_for_state(|state| state.changes != held.changes).expect("goes on");
     }
-    let robot = client.wait_for_state(|state| state.robot.is_some()).expect("heard").robot.expect("heard");
+    // The arm follows with a lag, and what it says is on its way for as long as this machine is busy.
     let last = path.last().expect("some").pose;
-    assert!(robot.pose.distance_um(&last) < 500.0, "{robot:?} is not at {last:?}");
+    let arrived = |state: &Telemetry| state.robot.is_some_and(|robot| robot.pose.distance_um(&last) < 500.0);
+    client.wait_for_state(arrived).expect("the arm settles at the end of the path");
     drop(machine);
     let said = arm.end();
     println!("{said}");

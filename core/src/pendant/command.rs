@@ -185,6 +185,10 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
         self.named(path)?;
         self.check_go(Event::Start)?;
         self.ask(Event::Start)?;
+        // Where the robot has to be until the first set-point says more: before, this was the end of another path.
+        if let Some(first) = self.ring.get(0) {
+            self.pose = first.waypoint.pose;
+        }
         self.started = true;
         Ok(())
     }

@@ -168,3 +168,105 @@ pub(super) fn inverted(a_from_b: &WirePose) -> Option<WirePose> {
         orientation,
     })
 }
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+
+    use super::*;
+    use crate::pendant::{Action, Config, Panel};
+    use crate::wire::{
+        self, Answer, Begin, Chunk, Command, FromHost, FromPendant, Hello, HostMessage, PendantMessage, Ping,
+        ProcessTimes, WireWaypoint,
+    };
+
+    const NONCE: u32 = 7;
+    const FIRST: WirePose = WirePose { position_um: [400_000, 0, 200_000], ..WirePose::IDENTITY };
+
+    fn fitted() -> Pendant<64> {
+        let config = Config { port: Some(PortConfig::default()), ..Config::default() };
+        let mut pendant = Pendant::new(&config, 1).expect("sound");
+        let _ = pendant.tick(&Panel::default());
+        let hello = Hello { version: wire::VERSION, schema: wire::SCHEMA, nonce: NONCE };
+        assert!(matches!(say(&mut pendant, HostMessage::Hello(hello)), Some(PendantMessage::HelloAck(_))));
+        pendant
+    }
+
+    fn say(pendant: &mut Pendant<64>, message: HostMessage) -> Option<PendantMessage> {
+        match pendant.handle(FromHost { session: wire::session_id(1, NONCE), message }) {
+            Action::Send(FromPendant { message, .. }) => Some(message),
+            _ => None,
+        }
+    }
+
+    fn command(pendant: &mut Pendant<64>, command: Command) -> Answer {
+        let request = pendant.requests.last.wrapping_add(1);
+        match say(pendant, HostMessage::Control { request, command }) {
+            Some(PendantMessage::Reply { answer, .. }) => answer,
+            other => panic!("no reply but {other:?}"),
+        }
+    }
+
+    /// Two waypoints in steps of 5 mm, from so far along x.
+    fn load(pendant: &mut Pendant<64>, path: u16, along_um: i32) {
+        let at = |k: i32| {
+            let [x, y, z] = FIRST.position_um;
+            let pose = WirePose { position_um: [x + along_um + k * 5_000, y, z], ..FIRST };
+            WireWaypoint { pose, feed_um_s: 20_000, weld: false }
+        };
+        let waypoints = [at(0), at(1)];
+        let begin = Begin {
+            path,
+            total: 2,
+            chunk: 4,
+            streamed: false,
+            reach_um: 1_000_000,
+            max_step_um: 10_000,
+            min_half_turn_cos_q15: 30_000,
+            arc: false,
+            times: ProcessTimes::default(),
+        };
+        assert_eq!(command(pendant, Command::Begin(begin)), Answer::Done);
+        let chunk = Chunk { path, first: 0, waypoints: waypoints.into_iter().collect() };
+        assert!(matches!(say(pendant, HostMessage::Chunk(chunk)), Some(PendantMessage::Ack(_))));
+        let digest = wire::path_digest(&waypoints).expect("short");
+        assert_eq!(command(pendant, Command::Commit { path, digest }), Answer::Done);
+        lively_tick(pendant, false, along_um);
+        lively_tick(pendant, true, along_um);
+    }
+
+    /// One tick with a ping before and a robot's answer from so far along x after it.
+    fn lively_tick(pendant: &mut Pendant<64>, enable: bool, along_um: i32) {
+        let (count, echo) = (pendant.life.count.wrapping_add(1), pendant.ticks);
+        let _ = say(pendant, HostMessage::Ping(Ping { count, echo, token: 0 }));
+        let told = pendant.tick(&Panel { enable, ..Panel::default() }).robot.expect("fitted");
+        let [x, y, z] = FIRST.position_um;
+        let standing = WirePose { position_um: [x + along_um, y, z], ..FIRST };
+        let actual = Actual {
+            version: port::VERSION,
+            sequence: told.sequence,
+            heard: told.sequence,
+            lost: 0,
+            pose: told.pose.unwrap_or(standing),
+            error_um: 0,
+            drives: Drives::Following,
+        };
+        let monitor = pendant.robot.as_mut().expect("fitted");
+        monitor.take(actual, &WirePose::IDENTITY);
+    }
+
+    #[test]
+    fn a_start_compares_the_robot_with_its_own_path_and_not_with_where_another_ended() {
+        let mut pendant = fitted();
+        // The first path after power-on, and one that begins 100 mm from where that ended.
+        for (path, along_um) in [(1, 0), (2, 100_000)] {
+            load(&mut pendant, path, along_um);
+            assert_eq!(command(&mut pendant, Command::Start { path }), Answer::Done);
+            for _ in 0..400 {
+                lively_tick(&mut pendant, true, along_um);
+                assert_eq!(pendant.interlock.cause(), None, "path {path}");
+            }
+            assert_eq!(pendant.finished, Some(path));
+        }
+    }
+}
