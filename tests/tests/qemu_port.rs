@@ -49,12 +49,14 @@ impl Drop for Arm {
     }
 }
 
+/// Steps of 1 mm at 15 mm/s: an answer that is late by all that the emulated board allows is 7.5 mm behind, and the robot
+/// not off by the limit of 10 mm.
 fn line(total: i32) -> Vec<WireWaypoint> {
     let at = |k: i32| {
         let position_um = [400_000 + k * 1_000, 0, 200_000];
         WireWaypoint {
             pose: WirePose { position_um, ..WirePose::IDENTITY },
-            feed_um_s: 50_000,
+            feed_um_s: 15_000,
             weld: (2..total - 2).contains(&k),
         }
     };
@@ -118,9 +120,12 @@ fn an_arm_of_its_own_process_follows_the_weld_and_a_silent_one_starts_nothing() 
         let held = client
             .wait_for_state(|s| s.pins & Telemetry::ENABLED != 0 && s.robot.is_some())
             .expect("enabled");
-        let _ = client.ask(Command::ArcArm { armed: true }).expect("asked");
-        let _ = client.ask(Command::Resume { path: 1, changes: held.changes, back_um: 0 }).expect("asked");
-        client.wait_for_state(|state| state.changes != held.changes).expect("goes on");
+        assert_eq!(client.ask(Command::ArcArm { armed: true }).expect("asked"), Answer::Done);
+        let resume = Command::Resume { path: 1, changes: held.changes, back_um: 0 };
+        // What the arm says may be old, and it away from where it was to be by then: once more.
+        if client.ask(resume).expect("asked") == Answer::Done {
+            client.wait_for_state(|state| state.changes != held.changes).expect("goes on");
+        }
     }
     // The arm follows with a lag, and what it says is on its way for as long as this machine is busy.
     let last = path.last().expect("some").pose;
@@ -133,20 +138,29 @@ fn an_arm_of_its_own_process_follows_the_weld_and_a_silent_one_starts_nothing() 
     assert!(jump_mm <= 2.0, "{said}");
 }
 
+/// Why the weld holds after the arm was given this order in the midst of it.
+fn cause_after(program: &Path, order: &str) -> Option<Cause> {
+    let (machine, panel, socket) = Machine::boot_with_port(program, Wire::Socket).expect("boots");
+    let mut client = Client::new(machine.open_link().expect("opens"));
+    client.connect(0x78).expect("a session");
+    let mut arm = Arm::start(&socket, 400_000);
+    load(&mut client, &panel, &line(100));
+    client.wait_for_state(|state| state.robot.is_some()).expect("the arm is heard");
+    assert_eq!(start(&mut client), Answer::Done);
+    client.wait_for_state(|state| state.segment >= 5 || state.state == State::Held).expect("moves");
+    arm.say(order);
+    client.wait_for_state(|state| state.state == State::Held).expect("holds").cause
+}
+
 #[test]
 fn an_arm_that_stops_or_falls_silent_holds_the_weld_and_says_why() {
     let Some(program) = firmware("weldpath-firmware") else { return };
     for (order, cause) in [("stop", Cause::RobotDrives), ("mute", Cause::RobotSilent)] {
-        let (machine, panel, socket) = Machine::boot_with_port(&program, Wire::Socket).expect("boots");
-        let mut client = Client::new(machine.open_link().expect("opens"));
-        client.connect(0x78).expect("a session");
-        let mut arm = Arm::start(&socket, 400_000);
-        load(&mut client, &panel, &line(300));
-        client.wait_for_state(|state| state.robot.is_some()).expect("the arm is heard");
-        assert_eq!(start(&mut client), Answer::Done);
-        client.wait_for_state(|state| state.segment >= 5).expect("moves");
-        arm.say(order);
-        let held = client.wait_for_state(|state| state.state == State::Held).expect("holds");
-        assert_eq!(held.cause, Some(cause));
+        // On a busy machine host or arm may be silent by themselves: then once more.
+        let busy = |seen: &Option<Cause>| {
+            *seen != Some(cause) && matches!(seen, Some(Cause::Silence | Cause::RobotSilent))
+        };
+        let seen = (0..5).map(|_| cause_after(&program, order)).find(|seen| !busy(seen));
+        assert_eq!(seen.flatten(), Some(cause), "after {order}");
     }
 }
