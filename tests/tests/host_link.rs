@@ -1,12 +1,13 @@
 //! The command against a pendant: loading, holding and resuming under damage, a host that dies, refusals, and scanning.
 
+use std::convert::Infallible;
 use std::fs::File;
 use std::io::{Read, Write};
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::thread;
 
-use nalgebra::{Point3, UnitQuaternion};
+use nalgebra::{Isometry3, Point3, UnitQuaternion};
 use weldpath::lab::simulation;
 use weldpath::lab::simulation::{Part, Request};
 use weldpath::output::json;
@@ -14,9 +15,10 @@ use weldpath::pendant::link::{Error, Link};
 use weldpath::pendant::serial;
 use weldpath::pendant::serial::Line;
 use weldpath::pendant::teleop;
-use weldpath::pendant::teleop::{Setup, generator, recording};
+use weldpath::pendant::teleop::{Setup, Twin, generator, recording};
 use weldpath::weld::program::{Kind, Waypoint};
 use weldpath_core::interlock::State;
+use weldpath_core::pendant::JOG_LIMITS;
 use weldpath_core::wire::frame::{self, Received};
 use weldpath_core::wire::{
     self, FromHost, FromPendant, HelloRefusal, HelloRefused, HostDeframer, HostMessage, PendantMessage,
@@ -317,8 +319,8 @@ fn request() -> Request {
     Request { views: Some(6), ..Request::new(Part::ButtV, 1) }
 }
 
-#[test]
-fn the_made_recording_captures_six_views_through_all_regions_with_clutch_and_loss() {
+/// A recording that is made to capture from the poses of a simulated scan, and those poses.
+fn made() -> (Setup, Vec<wire::WireHandFrame>, Vec<Isometry3<f64>>) {
     let poses = simulation::stage(&request()).unwrap().base_from_camera;
     let setup = Setup {
         base_from_camera: poses[0],
@@ -327,6 +329,12 @@ fn the_made_recording_captures_six_views_through_all_regions_with_clutch_and_los
         steer_right: false,
     };
     let frames = generator::recording(&setup, &poses).unwrap();
+    (setup, frames, poses)
+}
+
+#[test]
+fn the_made_recording_captures_six_views_through_all_regions_with_clutch_and_loss() {
+    let (setup, frames, _) = made();
     let pendant = InProcess::on_socket().unwrap();
     let link = Link::open(serial::open(&pendant.port.parse().unwrap(), 115_200).unwrap()).unwrap();
     pendant.manual(true);
@@ -340,6 +348,19 @@ fn the_made_recording_captures_six_views_through_all_regions_with_clutch_and_los
     assert_eq!((session.captures.len(), session.agreed), (6, session.frames));
     assert!(session.latency.iter().all(|motion| motion.len() > 100), "over 100 actions each");
     assert!(session.clutched >= 30 && session.lost >= 20);
+}
+
+/// In virtual time, as the pendant moves the camera by its own clock and a busy machine delays frames.
+#[test]
+fn frames_that_come_as_they_were_recorded_lead_the_camera_to_where_they_are_meant_to() {
+    let (setup, frames, poses) = made();
+    let mut twin = Twin::new(&setup.jog().unwrap(), &JOG_LIMITS);
+    let answer = |command| match command {
+        wire::Command::HandFrame(frame) => Ok::<_, Infallible>(twin.answer(&frame, frame.time_ms)),
+        _ => Ok(wire::Answer::Done),
+    };
+    let session = teleop::play(&frames, &setup, &JOG_LIMITS, teleop::Pace::Answers, answer).unwrap();
+    assert_eq!(session.captures.len(), 6);
     for ((_, captured), pose) in session.captures.iter().zip(&poses) {
         assert!((captured.translation.vector - pose.translation.vector).norm() < 0.5);
         assert!(captured.rotation.angle_to(&pose.rotation) < 0.02);

@@ -29,6 +29,9 @@ const UNKNOWN: u8 = ESTOP;
 static MORE: AtomicU8 = AtomicU8::new(0);
 /// What the pumps' far sides are: bit 0 the arc's, bit 1 the motion's.
 static ENERGISED: AtomicU8 = AtomicU8::new(0);
+/// What they were when they dropped since the last tick. QEMU's clock runs on while a busy host leaves it without a
+/// processor: a tick that is late for that finds pumps dropped that are not broken. One that hangs finds nothing.
+static DROPPED: AtomicU8 = AtomicU8::new(0);
 /// Levels before the pumps at the tick before.
 static LEVELS: AtomicU8 = AtomicU8::new(0);
 static STATE: AtomicU8 = AtomicU8::new(UNKNOWN);
@@ -72,7 +75,8 @@ pub fn inputs() -> Inputs {
     let is = |bit: u8| state & bit != 0;
     let more = MORE.load(Relaxed);
     let said = |bit: u8| more & bit != 0;
-    let energised = ENERGISED.load(Relaxed) ^ if said(1 << 3) { 0b11 } else { 0 };
+    let energised =
+        (ENERGISED.load(Relaxed) | DROPPED.swap(0, Relaxed)) ^ if said(1 << 3) { 0b11 } else { 0 };
     Inputs {
         estop: [is(ESTOP), is(ESTOP) != said(1 << 1)],
         enable: [is(ENABLE), is(ENABLE) != said(1 << 2)],
@@ -103,7 +107,9 @@ pub fn pump(outputs: Outputs) -> bool {
 
 /// The pumps have dropped: nobody has changed their pins. `after_us`: since the last tick began.
 pub fn pumps_dropped(after_us: u32) {
-    if ENERGISED.swap(0, Relaxed) != 0 {
+    let energised = ENERGISED.swap(0, Relaxed);
+    if energised != 0 {
+        DROPPED.store(energised, Relaxed);
         SHOWN.store(0, Relaxed);
         report(0xb1, after_us);
     }
