@@ -55,8 +55,13 @@ impl<const RX: usize, const TX: usize> Port<RX, TX> {
     pub fn take<'t>(&self, to: &'t mut [u8]) -> &'t [u8] {
         let taken = critical_section::with(|cs| {
             let mut received = self.received.borrow_ref_mut(cs);
-            let places = to.iter_mut().map_while(|place| Some(*place = received.pop_front()?));
-            places.count()
+            let mut taken = 0;
+            for place in &mut *to {
+                let Some(byte) = received.pop_front() else { break };
+                *place = byte;
+                taken += 1;
+            }
+            taken
         });
         to.get(..taken).unwrap_or_default()
     }
