@@ -71,11 +71,11 @@ report mutant outcome "tests that turn red (first two)"
 report "----" "----" "----"
 
 mutant crc-removed link_damage bursts wire/frame.rs \
-    's/if CRC.checksum\(payload\) == u32::from_le_bytes\(\*crc\)/if crc.len() == CRC_BYTES/'
+    's/if checksum\(\&\[payload\]\) == u32::from_le_bytes\(\*crc\)/if crc.len() == CRC_BYTES/'
 mutant crc-weakened-to-16-bits link_damage ten_million wire/frame.rs \
-    's/if CRC.checksum\(payload\) == u32::from_le_bytes\(\*crc\)/if CRC.checksum(payload) as u16 == u32::from_le_bytes(*crc) as u16/'
+    's/if checksum\(\&\[payload\]\) == u32::from_le_bytes\(\*crc\)/if checksum(\&[payload]) as u16 == u32::from_le_bytes(*crc) as u16/'
 mutant leading-delimiter-removed core delimiter wire/frame.rs \
-    "s/^const COBS_START: usize = 1/const COBS_START: usize = 0/; /framer.append\\(0\\)\\?;\$/d"
+    's/^const FIRST_CODE: usize = 1/const FIRST_CODE: usize = 0/'
 mutant trailing-bytes-accepted link_directed nonsense wire/frame.rs \
     's/Ok\(\(message, \[\]\)\) => Ok\(message\)/Ok((message, _)) => Ok(message)/'
 mutant session-check-removed link_directed session pendant.rs \
