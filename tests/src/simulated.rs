@@ -66,12 +66,12 @@ impl Simulated {
         const SWITCH: &str = "waiting for the enabling switch";
         // Of a busy machine: the host itself was silent for too long, or waypoints came too late.
         const HELD: &str = "r resumes";
-        // As busy: the pendant had not seen the grip when it was asked.
-        const UNSEEN: &str = "refused: the enabling switch is not held";
+        // As busy: the pendant had not seen the grip when it was asked, or it held again meanwhile.
+        const REFUSED: &str = "refused: ";
         const CONFIRM: &str = "press confirm at the pendant";
         const HANDS: &str = "waiting for the key switch in manual";
         let all: Vec<&str> =
-            parts.iter().copied().chain([STOPPED, SWITCH, HELD, UNSEEN, CONFIRM, HANDS]).collect();
+            parts.iter().copied().chain([STOPPED, SWITCH, HELD, REFUSED, CONFIRM, HANDS]).collect();
         let begin = Instant::now();
         loop {
             let line = host.wait_for(&all);

@@ -191,7 +191,8 @@ struct Weld<'a> {
     keys: Keys,
     bar: ProgressBar,
     state: Option<Telemetry>,
-    said: Option<State>,
+    /// Count of state changes when the state was told last.
+    said: Option<u16>,
 }
 
 impl<'a> Weld<'a> {
@@ -404,10 +405,10 @@ impl<'a> Weld<'a> {
     }
 
     fn told_of(&mut self, state: &Telemetry) -> Result<(), Failure> {
-        if self.said == Some(state.state) {
+        // Not by the state: of a hold right after a resume only the second may reach this host.
+        if self.said.replace(state.changes) == Some(state.changes) {
             return Ok(());
         }
-        self.said = Some(state.state);
         let why = state.cause.map(|cause| format!(": {}", cause_words(cause))).unwrap_or_default();
         let key = if state.state == State::Held { "; r resumes, s ends" } else { "" };
         self.say(&format!("{}{why}{key}", self.place(state)))
