@@ -1,5 +1,6 @@
 //! An arm model in a process of its own, at the robot port of an emulated pendant: `arm SOCKET X,Y,Z` in micrometres.
 //!
+//! It answers every tenth frame: QEMU hands its serial ports a byte at a time, and answers that it has no time for would wait and grow old.
 //! Lines on standard input: `stop` and `follow` set its drives, `mute` and `speak` end and begin its answers. At the end of
 //! the line it prints what it saw: frames, frames with the arc on, and the farthest jump of a set-point.
 
@@ -13,6 +14,9 @@ use weldpath_core::wire::WirePose;
 use weldpath_core::wire::port::Drives;
 use weldpath_tests::arm::{Arm, Limits};
 
+/// Set-point frames between two answers.
+const ANSWER_FRAMES: u64 = 10;
+
 fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments = std::env::args().skip(1);
     let usage = "arm SOCKET X,Y,Z";
@@ -23,12 +27,9 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut arm = Arm::at(&WirePose { position_um, ..WirePose::IDENTITY }, Limits::default(), 1);
     let (order, orders) = channel();
     thread::spawn(move || stdin().lock().lines().map_while(Result::ok).try_for_each(|said| order.send(said)));
-    let (mut buffer, mut mute) = ([0; 1024], false);
-    loop {
-        let count = line.read(&mut buffer)?;
-        if count == 0 {
-            break;
-        }
+    let (mut buffer, mut mute, mut answered) = ([0; 1024], false, 0);
+    // An emulator that has ended with bytes unread resets the line: an end like another.
+    while let Ok(count @ 1..) = line.read(&mut buffer) {
         for said in orders.try_iter() {
             match said.as_str() {
                 "stop" => arm.drives = Drives::Stopped,
@@ -38,8 +39,13 @@ fn main() -> Result<(), Box<dyn Error>> {
                 _ => {}
             }
         }
-        if let Some(answer) = arm.take(&buffer[..count]).filter(|_| !mute) {
-            line.write_all(&answer)?;
+        arm.take(&buffer[..count]);
+        if !mute && arm.frames >= answered + ANSWER_FRAMES {
+            answered = arm.frames;
+            let answer = arm.answer();
+            if line.write_all(&answer).is_err() {
+                break;
+            }
         }
     }
     println!("frames {} arc {} jump_mm {:.3}", arm.frames, arm.arc_frames, arm.farthest_jump_mm);
