@@ -439,6 +439,10 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
 
     fn follow(&mut self, outputs: &Outputs, feed_limit_um_s: f32) -> Option<SetPoint> {
         self.drive.advance(&self.ring, outputs.motion, feed_limit_um_s, &self.machine);
+        // A hold ends the way back; gas that still flows after the arc only delays it.
+        if self.state() != State::Running && !self.drive.is_moving() {
+            self.drive.retrace(0.0);
+        }
         self.ring.release(self.drive.segment());
         let segment = self.drive.segment();
         let alpha_q24 = self.drive.alpha_q24(&self.ring);

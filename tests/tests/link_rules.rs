@@ -584,6 +584,35 @@ fn a_crater_that_is_cut_short_is_not_finished_and_may_be_welded_over() {
     assert_eq!(bench.pendant.telemetry().finished, Some(1));
 }
 
+#[test]
+fn a_resume_while_gas_still_flows_goes_back_all_the_same() {
+    let path = line(0, 60, 20_000, true);
+    let mut bench = Bench::enabled();
+    // Half a second of gas after the arc.
+    let begin = wire::Begin { times: ProcessTimes::default(), ..world::begin(1, &path, false) };
+    assert_eq!(bench.command(Command::Begin(begin)), Answer::Done);
+    (0..path.len().div_ceil(4)).for_each(|number| drop(bench.chunk(1, &path, number)));
+    let digest = wire::path_digest(&path).expect("short");
+    assert_eq!(bench.command(Command::Commit { path: 1, digest }), Answer::Done);
+    bench.grip();
+    bench.confirm();
+    assert_eq!(bench.command(arm()), Answer::Done);
+    assert_eq!(bench.command(start()), Answer::Done);
+    bench.lively_ticks(800);
+    assert_eq!(bench.command(Command::Hold), Answer::Done);
+    assert!(bench.until(State::Held, 100));
+    bench.grip();
+    let held = bench.pendant.telemetry();
+    assert_eq!(held.arc, weldpath_core::interlock::ArcPhase::PostFlow);
+    assert_eq!(bench.command(arm()), Answer::Done);
+    let back = Command::Resume { path: 1, changes: held.changes, back_um: 2_000 };
+    assert_eq!(bench.command(back), Answer::Done);
+    let strikes = |bench: &mut Bench| Some(bench.lively_tick()).filter(|tick| tick.outputs.arc);
+    let struck = (0..1_000).find_map(|_| strikes(&mut bench)).and_then(|tick| tick.set_point);
+    let from_um = struck.expect("the arc again").pose.position_um[0];
+    assert!((1_999..=2_001).contains(&(held.pose.position_um[0] - from_um)), "{held:?}, {from_um}");
+}
+
 // Going on after a lost host.
 
 #[test]

@@ -178,8 +178,7 @@ impl Drive {
             self.along_um += start.approach_um;
         }
         self.along_um = self.along_um.max(0.0);
-        let stands = self.speed_um_s <= 0.0 && matches!(motion, Motion::Halt | Motion::EmergencyStop);
-        if self.back_um < ARRIVED_UM || stands {
+        if self.back_um < ARRIVED_UM {
             self.back_um = 0.0;
             self.speed_um_s = 0.0;
         }
