@@ -37,6 +37,8 @@ pub struct Seen {
     pub arc: bool,
     /// Tick of the last arc-on, 0 if there was none.
     pub arc_on_tick: u32,
+    /// Where the torch was to be then.
+    pub arc_on_pose: WirePose,
     /// Tick of the last arc-off.
     pub arc_off_tick: u32,
     /// Tick in which bytes came last.
@@ -109,6 +111,7 @@ impl InProcess {
             segment: 0,
             arc: false,
             arc_on_tick: 0,
+            arc_on_pose: WirePose::IDENTITY,
             arc_off_tick: 0,
             heard_tick: 0,
             confirms: true,
@@ -305,7 +308,7 @@ impl Board {
         }
         seen.segment = tick.set_point.map_or(seen.segment, |point| point.segment);
         match (seen.arc, tick.outputs.arc) {
-            (false, true) => seen.arc_on_tick = seen.tick,
+            (false, true) => (seen.arc_on_tick, seen.arc_on_pose) = (seen.tick, seen.pose),
             (true, false) => seen.arc_off_tick = seen.tick,
             _ => {}
         }
