@@ -1,5 +1,6 @@
 //! `weldpath scan`: hands guide the simulated camera through the pendant, and capture views.
 
+use std::io::BufReader;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -8,9 +9,11 @@ use weldpath::files::File;
 use weldpath::lab::simulation;
 use weldpath::lab::simulation::{Noise, Part, Request};
 use weldpath::pendant::emulator::{Inputs, Panel};
+use weldpath::pendant::link;
 use weldpath::pendant::link::{Event, Link};
 use weldpath::pendant::teleop;
-use weldpath::pendant::teleop::{REGIONS, Session, Setup, generator, recording};
+use weldpath::pendant::teleop::live::Live;
+use weldpath::pendant::teleop::{Pace, REGIONS, Session, Setup, generator, recording};
 use weldpath::run::job::quantity::Place;
 use weldpath_core::interlock::Fault;
 use weldpath_core::wire::{Telemetry, WireHandFrame};
@@ -27,7 +30,8 @@ use super::{Exit, Failure, print, progress, whole};
 /// for 50 ms, captures a view. DIR is then a scan for `weldpath plan`.
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
-    /// Recording: Leap Motion JSON, plain or LZ-String compressed, or CSV; several are joined in their order
+    /// Recording: Leap Motion JSON, plain or LZ-String compressed, or CSV; several are joined in their order; - alone:
+    /// live from standard input, JSON lines or CSV, until it ends
     #[arg(long, value_name = "FILE", required_unless_present = "make_hands")]
     hands: Vec<PathBuf>,
     /// Make a recording that scans the part, write it here as CSV, and end
@@ -106,22 +110,16 @@ fn make(args: &Args, file: &Path, setup: &Setup, poses: &[Isometry3<f64>]) -> Re
 fn scan(args: &Args, request: &Request, setup: &Setup) -> Result<(), Failure> {
     let out = args.out.as_deref().ok_or_else(|| Failure::new(Exit::Usage, "no --out"))?;
     keep_real_scans(out)?;
-    let read = |file: &PathBuf| {
-        recording::read(file).map_err(|error| {
-            Failure::new(Exit::Input, error)
-                .hint("`weldpath scan --make-hands FILE` makes a recording to try")
-        })
-    };
-    let frames = recording::join(args.hands.iter().map(read).collect::<Result<Vec<_>, _>>()?);
+    let hands = Hands::open(&args.hands)?;
     let (link, simulated) = args.port.open()?;
     enable(&link, simulated.as_ref().map(|(_, panel)| panel), args.quiet)?;
-    let session = play(&frames, setup, &link, args.quiet)?;
+    let session = hands.play(setup, &link, args.quiet)?;
     if !args.quiet {
         print(&table(&session))?;
     }
     let poses: Vec<Isometry3<f64>> = session.captures.iter().map(|(_, pose)| *pose).collect();
     if poses.is_empty() {
-        return Err(Failure::new(Exit::Unfinished, "no view was captured: the recording holds no \"ok\"")
+        return Err(Failure::new(Exit::Unfinished, "no view was captured: the hands made no \"ok\"")
             .hint("\"ok\" is pinch > 0.7, grab < 0.5, middle to little finger extended, held 50 ms"));
     }
     let scan = simulation::captured(request, &poses).map_err(|error| Failure::new(Exit::Usage, error))?;
@@ -168,22 +166,69 @@ fn enable(link: &Link, panel: Option<&Panel>, quiet: bool) -> Result<(), Failure
     }
 }
 
-fn play(frames: &[WireHandFrame], setup: &Setup, link: &Link, quiet: bool) -> Result<Session, Failure> {
-    let bar =
-        progress::bar(quiet, frames.len() as u64, "{bar:24} {pos}/{len} frames {elapsed:>4}, {eta} left");
-    let ask = |command| {
-        bar.inc(1);
-        link.ask(command)
-    };
-    let played = teleop::play(frames, setup, &link.pendant().limits.jog, teleop::Pace::Recorded, ask);
-    bar.finish_and_clear();
-    played.map_err(|error| match error {
+/// Whence the hands are.
+enum Hands {
+    Recorded(Vec<WireHandFrame>),
+    Live(Live),
+}
+
+impl Hands {
+    fn open(files: &[PathBuf]) -> Result<Self, Failure> {
+        let input = Path::new("-");
+        if files == [input] {
+            return Ok(Self::Live(Live::listen(BufReader::new(std::io::stdin()))));
+        }
+        if files.iter().any(|file| file == input) {
+            return Err(Failure::new(Exit::Usage, "--hands - stands alone: live hands follow no recording"));
+        }
+        let read = |file: &PathBuf| {
+            recording::read(file).map_err(|error| {
+                Failure::new(Exit::Input, error)
+                    .hint("`weldpath scan --make-hands FILE` makes a recording to try")
+            })
+        };
+        Ok(Self::Recorded(recording::join(files.iter().map(read).collect::<Result<Vec<_>, _>>()?)))
+    }
+
+    fn play(self, setup: &Setup, link: &Link, quiet: bool) -> Result<Session, Failure> {
+        let limits = &link.pendant().limits.jog;
+        match self {
+            Self::Recorded(frames) => {
+                let bar = "{bar:24} {pos}/{len} frames {elapsed:>4}, {eta} left";
+                let bar = progress::bar(quiet, frames.len() as u64, bar);
+                let ask = |command| {
+                    bar.inc(1);
+                    link.ask(command)
+                };
+                let played = teleop::play(&frames, setup, limits, Pace::Recorded, ask);
+                bar.finish_and_clear();
+                played.map_err(unplayed)
+            }
+            Self::Live(mut hands) => {
+                let ask = |command| link.ask(command);
+                let session =
+                    teleop::play(&mut hands, setup, limits, Pace::Answers, ask).map_err(unplayed)?;
+                if let Some(why) = hands.failure() {
+                    return Err(Failure::new(Exit::Input, format!("standard input: {why}"))
+                        .hint("docs/pendant.md has the lines that `--hands -` reads"));
+                }
+                if hands.skipped() > 0 && !quiet {
+                    print(&format!("{} frames left out for newer ones\n", hands.skipped()))?;
+                }
+                Ok(session)
+            }
+        }
+    }
+}
+
+fn unplayed(error: teleop::Error<link::Error>) -> Failure {
+    match error {
         teleop::Error::Link(error) => lost(error),
         teleop::Error::Setup => Failure::new(Exit::Usage, error),
         refused => {
             Failure::new(Exit::Unfinished, refused).hint("hand frames are answered while nothing moves")
         }
-    })
+    }
 }
 
 /// Latency of each motion, beside the paper's.

@@ -4,8 +4,10 @@
 //! becomes a scan by [`crate::lab::simulation::captured`]. Millimetres, robot base frame.
 
 pub mod generator;
+pub mod live;
 pub mod recording;
 
+use std::borrow::Borrow;
 use std::time::{Duration, Instant};
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion};
@@ -108,13 +110,13 @@ impl Setup {
 pub enum Pace {
     /// As it was recorded: the pendant moves the camera by its own clock.
     Recorded,
-    /// As fast as it is answered, by somebody who takes the sensor's clock for his own.
+    /// As fast as it is answered: by somebody who takes the sensor's clock for his own, or as a sensor sends it.
     Answers,
 }
 
-/// Plays hand frames to a pendant; `ask` carries a command there and its answer back.
+/// Plays hand frames, recorded or [`live`], to a pendant; `ask` carries a command there and its answer back.
 pub fn play<E: std::error::Error + 'static>(
-    frames: &[WireHandFrame],
+    frames: impl IntoIterator<Item = impl Borrow<WireHandFrame>>,
     setup: &Setup,
     limits: &JogLimits,
     pace: Pace,
@@ -128,9 +130,11 @@ pub fn play<E: std::error::Error + 'static>(
     let mut session = Session::default();
     let mut camera = Follower { base_from_camera: setup.base_from_camera, time_ms: None };
     let mut commanded = setup.base_from_camera;
-    let (begun, first_ms) = (Instant::now(), frames.first().map_or(0, |frame| frame.time_ms));
-    for (index, frame) in frames.iter().enumerate() {
+    let (begun, mut first_ms) = (Instant::now(), None);
+    for (index, frame) in frames.into_iter().enumerate() {
+        let frame: &WireHandFrame = frame.borrow();
         if pace == Pace::Recorded {
+            let first_ms = *first_ms.get_or_insert(frame.time_ms);
             let due = Duration::from_millis(frame.time_ms.saturating_sub(first_ms).into());
             std::thread::sleep(due.saturating_sub(begun.elapsed()));
         }

@@ -67,9 +67,10 @@ struct Pointable {
     extended: bool,
 }
 
+/// One hand of the CSV.
 #[derive(Deserialize)]
-struct Row {
-    timestamp_us: f64,
+pub(super) struct Row {
+    pub(super) timestamp_us: f64,
     is_right: u8,
     palm_x_mm: f64,
     palm_y_mm: f64,
@@ -87,20 +88,21 @@ struct Row {
     confidence: f64,
 }
 
-fn certain() -> f64 {
+/// Confidence where none is told.
+pub(super) fn certain() -> f64 {
     1.0
 }
 
-/// One hand as either format says it.
-struct Seen {
-    is_right: bool,
-    palm_mm: [f64; 3],
-    direction: [f64; 3],
-    normal: [f64; 3],
-    grab: f64,
-    pinch: f64,
-    confidence: f64,
-    extended: u8,
+/// One hand as each of the formats says it.
+pub(super) struct Seen {
+    pub(super) is_right: bool,
+    pub(super) palm_mm: [f64; 3],
+    pub(super) direction: [f64; 3],
+    pub(super) normal: [f64; 3],
+    pub(super) grab: f64,
+    pub(super) pinch: f64,
+    pub(super) confidence: f64,
+    pub(super) extended: u8,
 }
 
 /// Reads a recording; its frames count from 0 ms.
@@ -207,8 +209,7 @@ fn csv(text: &str) -> Result<Vec<(f64, Vec<Seen>)>, String> {
     Ok(frames)
 }
 
-fn hand_of(row: Row) -> Seen {
-    let extended = row.extended.bytes().take(5).enumerate().filter(|(_, b)| *b == b'1');
+pub(super) fn hand_of(row: Row) -> Seen {
     Seen {
         is_right: row.is_right == 1,
         palm_mm: [row.palm_x_mm, row.palm_y_mm, row.palm_z_mm],
@@ -217,33 +218,51 @@ fn hand_of(row: Row) -> Seen {
         grab: row.grab,
         pinch: row.pinch,
         confidence: row.confidence,
-        extended: extended.fold(0, |bits, (finger, _)| bits | 1 << finger),
+        extended: extended(&row.extended),
     }
 }
 
-/// Times from 0, in order; hands in the wire's integers.
+/// Five digits from thumb to little finger, 1 for an extended one, as bits.
+pub(super) fn extended(digits: &str) -> u8 {
+    let extended = digits.bytes().take(5).enumerate().filter(|(_, b)| *b == b'1');
+    extended.fold(0, |bits, (finger, _)| bits | 1 << finger)
+}
+
 fn timed(frames: Vec<(f64, Vec<Seen>)>) -> Result<Vec<WireHandFrame>, String> {
-    let start_us = frames.first().map_or(0.0, |(at, _)| *at);
-    let mut before_us = start_us;
-    let mut timed = Vec::with_capacity(frames.len());
-    for (index, (time_us, hands)) in frames.into_iter().enumerate() {
+    let mut timeline = Timeline::default();
+    frames.into_iter().map(|(time_us, hands)| timeline.frame(time_us, &hands)).collect()
+}
+
+/// Times from 0, in order; hands in the wire's integers.
+#[derive(Debug, Default)]
+pub(super) struct Timeline {
+    start_us: Option<f64>,
+    before_us: f64,
+    index: usize,
+}
+
+impl Timeline {
+    /// The next frame.
+    pub(super) fn frame(&mut self, time_us: f64, hands: &[Seen]) -> Result<WireHandFrame, String> {
+        let index = self.index;
+        self.index += 1;
+        let start_us = *self.start_us.get_or_insert(time_us);
         let ms = (time_us - start_us) / 1000.0;
-        if !(time_us >= before_us && ms < f64::from(u32::MAX / 2)) {
+        if !(time_us - start_us >= self.before_us && ms < f64::from(u32::MAX / 2)) {
             return Err(format!("frame {index} (counted from 0): its time does not follow the frame before"));
         }
-        before_us = time_us;
+        self.before_us = time_us - start_us;
         let mut frame = WireHandFrame { time_ms: ms.round() as u32, left: None, right: None };
-        for hand in &hands {
+        for hand in hands {
             let wire = wire_hand(hand).map_err(|why| format!("frame {index} (counted from 0): {why}"))?;
             let side = if hand.is_right { &mut frame.right } else { &mut frame.left };
             *side = side.or(Some(wire));
         }
-        timed.push(frame);
+        Ok(frame)
     }
-    Ok(timed)
 }
 
-fn wire_hand(seen: &Seen) -> Result<Hand, &'static str> {
+pub(super) fn wire_hand(seen: &Seen) -> Result<Hand, &'static str> {
     let near = seen.palm_mm.iter().all(|mm| mm.abs() < FARTHEST_MM);
     let strengths = [seen.grab, seen.pinch, seen.confidence];
     let unit = |v: &[f64; 3]| v.iter().all(|c| c.abs() <= 1.001);
