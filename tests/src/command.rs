@@ -96,7 +96,10 @@ impl Running {
     /// # Panics
     /// If nobody reads.
     pub fn press(&mut self, keys: &[u8]) {
-        self.child.stdin.as_mut().expect("a pipe").write_all(keys).expect("the command reads its keys");
+        if let Err(error) = self.child.stdin.as_mut().expect("a pipe").write_all(keys) {
+            self.said.extend(self.lines.iter());
+            panic!("nobody reads the keys, {error}; it said:\n{}", self.said.join("\n"));
+        }
     }
 
     /// No more keys.

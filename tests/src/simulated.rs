@@ -13,6 +13,9 @@ use crate::adversary::Random;
 use crate::command::{PATIENCE, Running, weldpath};
 use crate::qemu::alone;
 
+/// By then the pendant has seen its switches, and the host the pendant, on a busy machine as well.
+const SEEN: Duration = Duration::from_millis(300);
+
 /// A simulated pendant, ended with the test.
 pub struct Simulated {
     command: Running,
@@ -66,12 +69,17 @@ impl Simulated {
         const SWITCH: &str = "waiting for the enabling switch";
         // Of a busy machine: the host itself was silent for too long, or waypoints came too late.
         const HELD: &str = "r resumes";
-        // As busy: the pendant had not seen the grip when it was asked, or it held again meanwhile.
-        const REFUSED: &str = "refused: ";
+        // As busy: the pendant had not seen the grip when it was asked, or it held again meanwhile. What is refused while it runs
+        // or comes to a stop needs nothing.
+        const NOT_GRIPPED: &str = "refused: the enabling switch";
+        const CHANGED: &str = "refused: the pendant's state has changed";
         const CONFIRM: &str = "press confirm at the pendant";
         const HANDS: &str = "waiting for the key switch in manual";
-        let all: Vec<&str> =
-            parts.iter().copied().chain([STOPPED, SWITCH, HELD, REFUSED, CONFIRM, HANDS]).collect();
+        let all: Vec<&str> = parts
+            .iter()
+            .copied()
+            .chain([STOPPED, SWITCH, HELD, NOT_GRIPPED, CHANGED, CONFIRM, HANDS])
+            .collect();
         let begin = Instant::now();
         loop {
             let line = host.wait_for(&all);
@@ -88,9 +96,11 @@ impl Simulated {
                 self.key(b'm');
                 self.grip();
             } else {
-                self.grip();
+                if !line.contains(CHANGED) {
+                    self.grip();
+                }
                 // Its host has to hear of it before it resumes.
-                thread::sleep(Duration::from_millis(200));
+                thread::sleep(SEEN);
                 host.press(b"r");
             }
         }
@@ -100,6 +110,8 @@ impl Simulated {
     fn grip(&mut self) {
         if self.gripped {
             self.key(b'g');
+            // A switch that is back before the pendant looked was never released.
+            thread::sleep(SEEN);
         }
         self.key(b'g');
         self.gripped = true;

@@ -10,7 +10,6 @@ use weldpath::lab::simulation;
 use weldpath::lab::simulation::{Part, Request};
 use weldpath::pendant::teleop::live::Live;
 use weldpath::pendant::teleop::{Setup, generator, recording};
-use weldpath_core::interlock::State;
 use weldpath_core::wire::Hand;
 use weldpath_tests::command::{Running, weldpath};
 use weldpath_tests::in_process::InProcess;
@@ -157,12 +156,13 @@ fn lines_that_come_while_the_scan_runs_guide_the_camera_and_capture() {
     let frames = generator::recording(&setup, &poses).unwrap();
     let (pendant, out) = (InProcess::on_socket().unwrap(), tempfile::tempdir().unwrap());
     pendant.manual(true);
-    pendant.grip();
-    pendant.wait_for("the switch", |seen| seen.state == State::Idle);
     let scan = out.path().join("scan");
     let mut host = Running::start(
         weldpath().args(["scan", "--hands", "-", "--port", &pendant.port, "--out"]).arg(&scan),
     );
+    // A new session needs a new grip.
+    host.wait_for(&["waiting for the key switch"]);
+    pendant.grip();
     let rows = recording::to_csv(&frames, "a sensor of a test");
     let first_rows = rows.lines().take_while(|line| !line.starts_with("0,")).collect::<Vec<_>>().join("\n");
     host.press(format!("{first_rows}\n").as_bytes());
@@ -185,7 +185,6 @@ fn lines_that_come_while_the_scan_runs_guide_the_camera_and_capture() {
 fn lines_that_are_no_hands_end_the_scan_with_the_line_and_write_nothing() {
     let (pendant, out) = (InProcess::on_socket().unwrap(), tempfile::tempdir().unwrap());
     pendant.manual(true);
-    pendant.grip();
     let scan = out.path().join("scan");
     for (more, code, part) in
         [(&[][..], 4, "line 2: neither"), (&["--hands", "more.csv"][..], 2, "stands alone")]
@@ -194,6 +193,8 @@ fn lines_that_are_no_hands_end_the_scan_with_the_line_and_write_nothing() {
         command.args(["scan", "--hands", "-", "--port", &pendant.port, "--out"]).arg(&scan).args(more);
         let mut host = Running::start(&mut command);
         if more.is_empty() {
+            host.wait_for(&["waiting for the key switch"]);
+            pendant.grip();
             host.press(b"# a sensor\nhello\n");
         }
         host.close_keys();

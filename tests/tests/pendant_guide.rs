@@ -76,7 +76,9 @@ fn every_command_of_the_guide_does_what_it_says() {
 /// Six views, every pose the host's own, and the guide's table of motions.
 fn assert_scanned(guide: &str, said: &str) {
     println!("{said}");
-    let frames = said.split_once(" frames").expect("the count of frames").0;
+    // What the operator was asked for comes first.
+    let before = said.split_once(" frames").expect("the count of frames").0;
+    let frames = before.split_whitespace().next_back().expect("a number");
     assert!(said.contains(&format!("{frames} poses are the host's own")), "{said}");
     assert!(said.contains(": 6 views"), "{said}");
     let measured: Vec<Vec<&str>> = rows(said, "motion").collect();
