@@ -110,6 +110,9 @@ pub enum PlanError {
         /// What was seen instead, and what to do.
         reason: String,
     },
+    /// [`Observer::is_done`] said so.
+    #[error("the plan was given up")]
+    GivenUp,
 }
 
 /// What the seams were sought in, for those who draw it.
@@ -145,6 +148,10 @@ pub trait Observer {
     fn evidence(&mut self, evidence: &Evidence) {
         let _ = evidence;
     }
+    /// Whether nobody waits for the plan any more; asked between stages.
+    fn is_done(&self) -> bool {
+        false
+    }
 }
 
 impl Observer for () {}
@@ -170,13 +177,9 @@ pub const RAW_CELL_MM: f32 = 5.0;
 pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Result<Plan, PlanError> {
     let mut clock = Clock::default();
     let patches = clock.stage("normals", observer, || normals::of_views(views, &config.normals));
-    let register = || match config.method {
-        Method::Weldpath => agreement::agreeing(views, &patches, &config.reconstruction),
-        Method::Paper { .. } => {
-            Agreement::of_all(reconstruction::chain::register(views, &patches, &config.reconstruction))
-        }
-    };
-    let mut agreement = clock.stage("reconstruction", observer, register);
+    go_on(observer)?;
+    let mut agreement = clock.stage("reconstruction", observer, || registered(views, &patches, config));
+    go_on(observer)?;
     let base_frame = clock.time("base frame", || located(views, &mut agreement, config));
     let reports = if views.len() > 1 { agreement.report(views, &patches) } else { Vec::new() };
     let mut warnings = agreement.warnings(views, &patches);
@@ -226,6 +229,20 @@ pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Re
         orientation_assumed,
         warnings,
     })
+}
+
+/// Views put right against each other, and those that do not fit left out.
+fn registered(views: &[View], patches: &[normals::Patches], config: &Config) -> Agreement {
+    match config.method {
+        Method::Weldpath => agreement::agreeing(views, patches, &config.reconstruction),
+        Method::Paper { .. } => {
+            Agreement::of_all(reconstruction::chain::register(views, patches, &config.reconstruction))
+        }
+    }
+}
+
+fn go_on(observer: &impl Observer) -> Result<(), PlanError> {
+    if observer.is_done() { Err(PlanError::GivenUp) } else { Ok(()) }
 }
 
 /// Puts the views that fit where they are in the base frame, as far as that is known.

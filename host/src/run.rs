@@ -2,6 +2,7 @@
 //! laid over a part that has moved.
 
 pub mod job;
+pub mod planning;
 pub mod postprocessing;
 pub mod refit;
 pub mod selection;

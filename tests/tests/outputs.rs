@@ -195,6 +195,41 @@ fn a_seam_has_its_own_settings_and_the_others_the_jobs() {
 }
 
 #[test]
+fn a_seam_may_be_switched_off_by_its_place_and_one_that_is_gone_is_refused() {
+    let bend = "[[seam]]\nnear_mm = [60, 200, 0]\nwithin_mm = 5\nweld = false\n";
+    assert_eq!(output(bend).paths.iter().map(|path| path.seam).collect::<Vec<_>>(), [1]);
+    let refused = |job: &str| {
+        let job = Job::parse(job, Path::new("job.toml")).unwrap();
+        postprocess(&plans::pipe_and_bend(), &job, Default::default()).unwrap_err().to_string()
+    };
+    let gone = refused(&bend.replace("200", "150"));
+    assert!(gone.contains("the seam nearest to (60, 150, 0)"), "{gone}");
+    let none = refused(&format!("{bend}[[seam]]\nid = 1\nweld = false"));
+    assert!(none.contains("none is left to weld"), "{none}");
+    let alone = Job::parse("[[seam]]\nid = 1\nwithin_mm = 5", Path::new("job.toml")).unwrap_err();
+    assert!(alone.to_string().contains(":3: within_mm"), "{alone}");
+}
+
+#[test]
+fn seams_are_welded_as_the_job_lists_them_and_the_others_behind() {
+    let order = |job: &str| {
+        let paths = output(&format!("{job}[order]\nsequence = \"listed\"")).paths;
+        paths.iter().map(|path| path.seam).collect::<Vec<_>>()
+    };
+    assert_eq!(order(""), [1, 2]);
+    assert_eq!(order("[[seam]]\nnear_mm = [60, 200, 0]\n"), [2, 1]);
+    assert_eq!(order("[[seam]]\nid = 1\n[[seam]]\nid = 2\n"), [1, 2]);
+    let reverse = output(
+        "[[seam]]\nid = 2\npath.direction = \"reverse\"\n[[seam]]\nid = 1\n[order]\nsequence = \"listed\"",
+    );
+    let first = &reverse.program.waypoints.iter().find(|w| w.weld).unwrap();
+    let found = plans::pipe_and_bend();
+    let end = found.paths[1].points.last().unwrap().position_mm;
+    assert_eq!(first.seam, Some(2));
+    assert!((first.position_mm - end).norm() < 1e-9, "none is turned round but by its direction");
+}
+
+#[test]
 fn the_shortest_order_has_no_longer_air_way_than_the_order_found() {
     let air_mm = |job: &str| -> f64 {
         let waypoints = output(job).program.waypoints;

@@ -1,9 +1,8 @@
 //! `weldpath plan`: one cloud or scan in, the seams' paths and a robot program out.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use weldpath::files::File;
-use weldpath::input::CloudFrame;
 use weldpath::output::summary::Source;
 use weldpath::output::verdict::{Reason, ReasonId, State};
 use weldpath::pipeline::{self, Observer, Plan};
@@ -15,10 +14,10 @@ use weldpath::run::job::quantity::{
 use weldpath::run::job::robot::{RobotSettings, TorchBodySettings};
 use weldpath::run::job::scan::AnchorName;
 use weldpath::run::job::{Formats, Job, MethodName, Sequence};
+use weldpath::run::planning;
 use weldpath::run::postprocessing;
 use weldpath::run::postprocessing::{Output, postprocess};
 use weldpath::run::selection;
-use weldpath::run::verdict;
 use weldpath::{input, report};
 
 use super::folder::{Folder, FolderArgs};
@@ -130,7 +129,7 @@ pub(super) struct Args {
 }
 
 /// Files that every plan writes, whatever it finds.
-const CERTAIN: &[&str] = &["path.csv", "path.json", "model.ply", "summary.json"];
+pub(super) const CERTAIN: &[&str] = &["path.csv", "path.json", "model.ply", "summary.json"];
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let job = job(args)?;
@@ -221,7 +220,7 @@ fn job(args: &Args) -> Result<Job, Failure> {
     job.accept.sort_unstable();
     job.accept.dedup();
     place_robot(&mut job, args)?;
-    job.input = Some(input(args, &job)?);
+    job.input = Some(input(args.input.as_ref(), &job)?);
     if job.ratio_threshold.is_some() && job.method == MethodName::Weldpath {
         let failure = Failure::new(Exit::Usage, "--t is the threshold of the paper's method only");
         return Err(
@@ -250,9 +249,9 @@ fn replace<T: Copy>(setting: &mut T, given: Option<T>) {
 }
 
 /// Absolute, so that the written job replays from anywhere.
-fn input(args: &Args, job: &Job) -> Result<PathBuf, Failure> {
+pub(super) fn input(given: Option<&PathBuf>, job: &Job) -> Result<PathBuf, Failure> {
     let hint = "name a folder with scan.json, or a cloud; `weldpath simulate --help` makes one to try";
-    let path = args.input.as_ref().or(job.input.as_ref());
+    let path = given.or(job.input.as_ref());
     let path = path.ok_or_else(|| {
         Failure::new(Exit::Usage, "neither INPUT nor the job file says what to plan").hint(hint)
     })?;
@@ -271,24 +270,9 @@ fn input(args: &Args, job: &Job) -> Result<PathBuf, Failure> {
 
 fn plan(job: &Job, allow_outside: bool, progress: &mut Progress) -> Result<(Plan, Source), Failure> {
     progress.stage("scan");
-    let input = job.input.as_deref().unwrap_or(Path::new("."));
-    let options = input::Options {
-        units: job.units,
-        intrinsics: job.intrinsics,
-        camera_mm: job.camera_mm,
-        allow_outside,
-    };
-    let scan = input::read(input, &options).map_err(|error| Failure::new(Exit::Input, error))?;
-    let findings = verdict::of_scan(&scan, job);
-    let mut config = job.pipeline();
-    if scan.frame != CloudFrame::Base {
-        // Coordinates that are not the robot's have no error in its base frame.
-        config.anchor = None;
-    }
-    let mut plan = pipeline::plan(&scan.views, &config, progress).map_err(not_planned)?;
-    plan.warnings.splice(0..0, scan.warnings);
-    let inputs = scan.inputs.iter().map(|path| path.display().to_string()).collect();
-    Ok((plan, Source { inputs, notes: scan.notes, findings }))
+    let scan = planning::read(job, allow_outside).map_err(|error| Failure::new(Exit::Input, error))?;
+    let plan = planning::plan(&scan, job, progress).map_err(not_planned)?;
+    Ok((plan, planning::source(&scan, job)))
 }
 
 /// What led to no plan is what one wants to look at most.
@@ -320,7 +304,9 @@ pub(super) fn too_long(error: TooLong) -> Failure {
 
 fn not_selected(error: selection::Error) -> Failure {
     let exit = match error {
-        selection::Error::UnknownId { .. } | selection::Error::NothingNear { .. } => Exit::Usage,
+        selection::Error::UnknownId { .. }
+        | selection::Error::NothingNear { .. }
+        | selection::Error::NoneLeft => Exit::Usage,
         selection::Error::OutsideRegion { .. } => Exit::NoSeam,
     };
     Failure::new(exit, error).hint("run once without --seam, --near and --roi to see all seams")

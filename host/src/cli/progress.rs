@@ -9,18 +9,7 @@ use weldpath::geometry::cloud::PointCloud;
 use weldpath::output::ply;
 use weldpath::pipeline::{Evidence, Observer};
 use weldpath::report::Recording;
-
-/// Share of the time, in percent, that has usually passed when a stage begins, measured on the fixtures: a stage at a time
-/// says little about when it is over.
-const PASSED: [(&str, u64); 7] = [
-    ("scan", 0),
-    ("normals", 3),
-    ("reconstruction", 32),
-    ("downsampling", 48),
-    ("denoising", 62),
-    ("seam", 67),
-    ("toolpath", 99),
-];
+use weldpath::run::planning::PASSED;
 
 /// Moves a bar on a terminal, and collects what is asked for: the cloud after every stage, what the report shows.
 pub(super) struct Progress {

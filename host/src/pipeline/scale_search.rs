@@ -1,6 +1,6 @@
 //! Seams sought in voxels of one size, and in larger ones until some show (ours; the paper has one size, typed by hand).
 
-use super::{Clock, Config, Method, Observer, PlanError, no_seam};
+use super::{Clock, Config, Method, Observer, PlanError, go_on, no_seam};
 use crate::geometry::cloud::{Merged, PointCloud, View};
 use crate::geometry::grid::Grid;
 use crate::geometry::mesh::Mesh;
@@ -103,6 +103,7 @@ impl ScaleSearch<'_> {
                 break;
             }
             let cues = Cues { steps: true, blurred: k + 1 == coarser.len() };
+            go_on(observer)?;
             // Where larger voxels are too few, those before them have the last word.
             let Ok(result) = self.at(scale, cues, clock, observer) else { break };
             settled = self.settles(&result);
@@ -110,6 +111,7 @@ impl ScaleSearch<'_> {
                 best = result;
             }
         }
+        go_on(observer)?;
         Ok(best)
     }
 
@@ -122,6 +124,7 @@ impl ScaleSearch<'_> {
         observer: &mut impl Observer,
     ) -> Result<ScaleResult, PlanError> {
         let model = self.model(scale, clock, observer);
+        go_on(observer)?;
         if model.cloud.len() < MIN_POINTS {
             let count = model.cloud.len();
             let reason =

@@ -166,6 +166,8 @@ pub enum Sequence {
     Shortest,
     /// By id; none is turned round unless its `direction` says so.
     Found,
+    /// As their `[[seam]]` are listed, the others behind them by id; none is turned round unless its `direction` says so.
+    Listed,
 }
 
 /// How the torch goes from seam to seam.
@@ -243,6 +245,14 @@ impl Job {
         let job: Self = toml::from_str(text).map_err(|error| refusal::of_toml(text, path, &error))?;
         refusal::check(&job, text, path)?;
         Ok(job)
+    }
+
+    /// Refuses what no single key shows; a job that was read is checked already.
+    ///
+    /// # Errors
+    /// As of a file with this job.
+    pub fn check(&self) -> Result<(), Error> {
+        refusal::check(self, &self.to_toml(), Path::new("job.toml"))
     }
 
     /// The job as a file that plans the same; what was left to a default is written out.

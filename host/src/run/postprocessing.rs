@@ -64,7 +64,7 @@ pub const MOST_POINTS: usize = 100_000;
 /// Everything that follows from `plan` and `job`; writes nothing.
 pub fn postprocess(plan: &Plan, job: &Job, source: Source) -> Result<Output, Error> {
     let left_out = verdict::left_out(plan, job);
-    let mut selected = select(&plan.paths, &job.selection)?;
+    let mut selected = chosen(plan, job)?;
     selected.retain(|path| !left_out.contains(&path.seam));
     let seams = ordered(selected, plan, job)?;
     let passes: Vec<Pass> =
@@ -117,8 +117,39 @@ pub fn program_files(
     Ok(files)
 }
 
+/// The seams that the job chooses and does not switch off, whatever the verdict says of them.
+///
+/// # Errors
+/// If that is none, or the job names a seam that there is not.
+pub fn chosen(plan: &Plan, job: &Job) -> Result<Vec<SeamPath>, selection::Error> {
+    let mut paths = select(&plan.paths, &job.selection)?;
+    for own in job.seams.iter().filter(|own| !own.weld) {
+        let off = selection::named(&plan.paths, own)?;
+        paths.retain(|path| Some(path.seam) != off);
+        if paths.is_empty() {
+            return Err(selection::Error::NoneLeft);
+        }
+    }
+    Ok(paths)
+}
+
+/// Ids of the seams in the order in which the job's `[[seam]]` list them.
+///
+/// # Errors
+/// If one of these names a seam that there is not.
+pub fn listed(plan: &Plan, job: &Job) -> Result<Vec<usize>, selection::Error> {
+    let ids = job.seams.iter().map(|own| selection::named(&plan.paths, own));
+    Ok(ids.collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect())
+}
+
 /// The seams in the order and direction in which they are welded, each with its settings.
-fn ordered(paths: Vec<SeamPath>, plan: &Plan, job: &Job) -> Result<Vec<(SeamPath, Weld)>, Error> {
+fn ordered(mut paths: Vec<SeamPath>, plan: &Plan, job: &Job) -> Result<Vec<(SeamPath, Weld)>, Error> {
+    if job.order.sequence == Sequence::Listed {
+        let listed = listed(plan, job)?;
+        let place = |path: &SeamPath| listed.iter().position(|&id| id == path.seam);
+        // Stable, and in the order found before.
+        paths.sort_by_key(|path| place(path).unwrap_or(usize::MAX));
+    }
     let mut seams = Vec::with_capacity(paths.len());
     let mut points = 0;
     for path in paths {
@@ -183,12 +214,7 @@ fn terrain<'a>(passes: &[Pass], plan: &'a Plan, job: &Job) -> Terrain<'a> {
 fn weld(path: &SeamPath, plan: &Plan, job: &Job) -> Result<Weld, selection::Error> {
     let mut weld = job.weld();
     for own in &job.seams {
-        let named = match (own.id, own.near_mm) {
-            (Some(id), _) => Some(selection::known(&plan.paths, id)?),
-            (None, Some(place)) => selection::nearest(&plan.paths, &place.point_mm())?,
-            (None, None) => None,
-        };
-        if named == Some(path.seam) {
+        if selection::named(&plan.paths, own)? == Some(path.seam) {
             weld = own.weld().on(&weld);
         }
     }
@@ -202,8 +228,8 @@ fn way(path: &SeamPath, weld: &Weld, job: &Job) -> AllowedDirection {
         AllowedDirection::Reverse => AllowedDirection::Forward,
     };
     match weld.direction() {
-        Direction::Free if job.order.sequence == Sequence::Found => AllowedDirection::Forward,
-        Direction::Free => AllowedDirection::Free,
+        Direction::Free if job.order.sequence == Sequence::Shortest => AllowedDirection::Free,
+        Direction::Free => AllowedDirection::Forward,
         Direction::Forward => AllowedDirection::Forward,
         Direction::Reverse => AllowedDirection::Reverse,
         Direction::Up => uphill(path, job.order.up.get()),

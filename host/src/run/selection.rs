@@ -3,7 +3,8 @@
 
 use nalgebra::Point3;
 
-use crate::run::job::Selection;
+use crate::run::job::quantity::WithinMm;
+use crate::run::job::{SeamSettings, Selection};
 use crate::weld::SeamPath;
 
 /// Why nothing is selected.
@@ -29,6 +30,9 @@ pub enum Error {
         /// How far it is, whole mm.
         away_mm: u64,
     },
+    /// Every seam that is chosen is switched off by a `[[seam]]` of its own.
+    #[error("weld = false switches every seam off: none is left to weld")]
+    NoneLeft,
     /// No seam is left.
     #[error("no seam has half of its points in the region of interest; seam {nearest} comes nearest to it")]
     OutsideRegion {
@@ -61,7 +65,7 @@ pub fn select(paths: &[SeamPath], selection: &Selection) -> Result<Vec<SeamPath>
             .copied()
             .min_by(|a, b| distance_mm(a, &near_mm).total_cmp(&distance_mm(b, &near_mm)));
         if let Some(path) = nearest {
-            refuse_far(path, &near_mm)?;
+            refuse_far(path, &near_mm, FARTHEST_NEAR_MM)?;
         }
         chosen = nearest.into_iter().collect();
     }
@@ -71,9 +75,9 @@ pub fn select(paths: &[SeamPath], selection: &Selection) -> Result<Vec<SeamPath>
 /// A place that is pointed at lies within this of its seam, mm: what a hand, or a click in a picture, misses by.
 const FARTHEST_NEAR_MM: f64 = 200.0;
 
-fn refuse_far(path: &SeamPath, place_mm: &Point3<f64>) -> Result<(), Error> {
+fn refuse_far(path: &SeamPath, place_mm: &Point3<f64>, within_mm: f64) -> Result<(), Error> {
     let away_mm = distance_mm(path, place_mm);
-    if away_mm <= FARTHEST_NEAR_MM {
+    if away_mm <= within_mm {
         return Ok(());
     }
     let place = format!("({}, {}, {})", place_mm.x, place_mm.y, place_mm.z);
@@ -81,7 +85,7 @@ fn refuse_far(path: &SeamPath, place_mm: &Point3<f64>) -> Result<(), Error> {
 }
 
 /// `id`, if a seam has it.
-pub fn known(paths: &[SeamPath], id: usize) -> Result<usize, Error> {
+fn known(paths: &[SeamPath], id: usize) -> Result<usize, Error> {
     let known: Vec<usize> = paths.iter().map(|path| path.seam).collect();
     if known.contains(&id) { Ok(id) } else { Err(Error::UnknownId { id, known }) }
 }
@@ -89,11 +93,26 @@ pub fn known(paths: &[SeamPath], id: usize) -> Result<usize, Error> {
 /// Id of the seam nearest to a place, mm; none without seams.
 ///
 /// # Errors
-/// If that seam is far away.
-pub fn nearest(paths: &[SeamPath], place_mm: &Point3<f64>) -> Result<Option<usize>, Error> {
+/// If that seam is farther away than `within_mm`.
+fn nearest(paths: &[SeamPath], place_mm: &Point3<f64>, within_mm: f64) -> Result<Option<usize>, Error> {
     let away = |path: &&SeamPath| distance_mm(path, place_mm);
     let Some(path) = paths.iter().min_by(|a, b| away(a).total_cmp(&away(b))) else { return Ok(None) };
-    refuse_far(path, place_mm).map(|()| Some(path.seam))
+    refuse_far(path, place_mm, within_mm).map(|()| Some(path.seam))
+}
+
+/// Id of the seam that a `[[seam]]` of the job names; none without seams.
+///
+/// # Errors
+/// If no seam has its id, or is where it says.
+pub fn named(paths: &[SeamPath], own: &SeamSettings) -> Result<Option<usize>, Error> {
+    match (own.id, own.near_mm) {
+        (Some(id), _) => known(paths, id).map(Some),
+        (None, Some(place)) => {
+            let within_mm = own.within_mm.map_or(FARTHEST_NEAR_MM, WithinMm::get);
+            nearest(paths, &place.point_mm(), within_mm)
+        }
+        (None, None) => Ok(None),
+    }
 }
 
 fn share(path: &SeamPath, holds: impl Fn(&Point3<f64>) -> bool) -> f64 {
@@ -154,7 +173,22 @@ mod tests {
         assert!(error.contains("(9000, 0, 0)") && error.contains("seam 1, 8991 mm away"), "{error}");
         assert_eq!(chosen(near("4,0,200")), Ok(vec![1]));
         assert!(chosen(near("4,0,201")).is_err());
-        assert!(nearest(&paths(), &Point3::new(0.0, 500.0, 0.0)).is_err());
+        let far = Some("0,500,0".parse().unwrap());
+        assert!(named(&paths(), &SeamSettings { near_mm: far, ..Default::default() }).is_err());
+    }
+
+    #[test]
+    fn settings_of_a_seam_may_say_how_near_it_is() {
+        let own = |within_mm: Option<f64>| SeamSettings {
+            near_mm: Some("4,104,0".parse().unwrap()),
+            within_mm: within_mm.map(|mm| mm.try_into().unwrap()),
+            ..Default::default()
+        };
+        for within_mm in [None, Some(4.5)] {
+            assert_eq!(named(&paths(), &own(within_mm)), Ok(Some(2)));
+        }
+        let error = named(&paths(), &own(Some(3.5))).unwrap_err().to_string();
+        assert!(error.contains("nearest to (4, 104, 0) is seam 2, 4 mm away"), "{error}");
     }
 
     #[test]

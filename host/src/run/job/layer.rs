@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::quantity::{
     AcrossMm, AirFeedMmS, AmplitudeMm, ApproachFeedMmS, ApproachMm, ClearanceMm, CornerRadiusMm, ExtendMm,
     FeedMmS, FrequencyHz, HeightMm, LeadMm, LiftMm, OutMm, PitchMm, Place, Points, SpacingMm, StandoffMm,
-    StitchMm, Tacks, TimeS, TravelAngleDeg, TurnDeg, WavelengthMm, WorkAngleDeg,
+    StitchMm, Tacks, TimeS, TravelAngleDeg, TurnDeg, WavelengthMm, WithinMm, WorkAngleDeg,
 };
 use crate::weld::cornering::Cornering;
 use crate::weld::program::Motion;
@@ -239,7 +239,7 @@ pub struct PassSettings {
 }
 
 /// `[[seam]]`: what one seam has of its own.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct SeamSettings {
     /// The seam with this id; not together with `near_mm`.
@@ -248,6 +248,12 @@ pub struct SeamSettings {
     /// The seam nearest to this place, mm, base frame; not together with `id`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub near_mm: Option<Place>,
+    /// The seam lies within this of `near_mm`; 200 mm if nothing is said.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub within_mm: Option<WithinMm>,
+    /// Whether it is welded at all.
+    #[serde(skip_serializing_if = "is_true")]
+    pub weld: bool,
     /// Over the job's.
     #[serde(skip_serializing_if = "PathSettings::is_empty")]
     pub path: PathSettings,
@@ -263,6 +269,26 @@ pub struct SeamSettings {
     /// In place of the job's, if there are any.
     #[serde(rename = "pass", skip_serializing_if = "Vec::is_empty")]
     pub passes: Vec<PassSettings>,
+}
+
+fn is_true(value: &bool) -> bool {
+    *value
+}
+
+impl Default for SeamSettings {
+    fn default() -> Self {
+        Self {
+            id: None,
+            near_mm: None,
+            within_mm: None,
+            weld: true,
+            path: PathSettings::default(),
+            torch: TorchSettings::default(),
+            weave: WeaveSettings::default(),
+            stitch: StitchSettings::default(),
+            passes: Vec::new(),
+        }
+    }
 }
 
 impl SeamSettings {

@@ -109,6 +109,8 @@ quantity!(/// Welded beyond an end of the seam; negative shortens.
     ExtendMm, -1000 to 1000 " mm", default 0);
 quantity!(/// Along the travel before the start or beyond the end, arc off.
     LeadMm, 0 to 500 " mm", default 0);
+quantity!(/// How far from its seam a place may be that names it.
+    WithinMm, 0.1 to 200 " mm");
 quantity!(/// Radius of the arc in place of a corner.
     CornerRadiusMm, 0.5 to 200 " mm", default 3);
 quantity!(/// How far the torch is lifted between stitches.

@@ -32,6 +32,13 @@ pub enum Error {
 }
 
 impl Error {
+    /// What is wrong, without the place in a file.
+    pub fn why(&self) -> String {
+        match self {
+            Self::Unreadable { why, .. } | Self::Line { why, .. } => why.clone(),
+        }
+    }
+
     /// What to do about it.
     pub fn hint(&self) -> &str {
         match self {
@@ -86,6 +93,14 @@ pub(super) fn check(job: &Job, text: &str, path: &Path) -> Result<(), Error> {
     if job.seams.iter().any(|seam| seam.id.is_some() == seam.near_mm.is_some()) {
         let hint = "give id = 2, or near_mm = [120, -35, 8]";
         return refuse(line_of_key(text, "[[seam]]"), "a [[seam]] has either an id or a near_mm", hint);
+    }
+    if job.seams.iter().any(|seam| seam.within_mm.is_some() && seam.near_mm.is_none()) {
+        let hint = "give near_mm = [120, -35, 8] in place of the id, or leave within_mm out";
+        return refuse(
+            line_of_key(text, "within_mm"),
+            "within_mm says how far from near_mm a seam may be",
+            hint,
+        );
     }
     Ok(())
 }

@@ -1,0 +1,65 @@
+//! The scan of a job, read and planned: the one way that the command and the page that edits a job both take.
+
+use std::path::Path;
+
+use crate::input::{self, CloudFrame, Scan};
+use crate::output::summary::Source;
+use crate::pipeline::{self, Observer, Plan, PlanError};
+use crate::run::job::Job;
+use crate::run::verdict;
+
+/// Share of the time, in percent, that has usually passed when a stage begins, measured on the fixtures: a stage at a time
+/// says little about when it is over.
+pub const PASSED: [(&str, u64); 7] = [
+    ("scan", 0),
+    ("normals", 3),
+    ("reconstruction", 32),
+    ("downsampling", 48),
+    ("denoising", 62),
+    ("seam", 67),
+    ("toolpath", 99),
+];
+
+/// Reads the input that the job names.
+///
+/// # Errors
+/// If there is none, or it cannot be read.
+pub fn read(job: &Job, allow_outside: bool) -> Result<Scan, input::Error> {
+    let options = input::Options {
+        units: job.units,
+        intrinsics: job.intrinsics,
+        camera_mm: job.camera_mm,
+        allow_outside,
+    };
+    input::read(job.input.as_deref().unwrap_or(Path::new(".")), &options)
+}
+
+/// All seams of a scan, as the job says they are found.
+///
+/// # Errors
+/// If there is none, or the observer wants no more.
+pub fn plan(scan: &Scan, job: &Job, observer: &mut impl Observer) -> Result<Plan, PlanError> {
+    let mut config = job.pipeline();
+    if scan.frame != CloudFrame::Base {
+        // Coordinates that are not the robot's have no error in its base frame.
+        config.anchor = None;
+    }
+    let mut plan = pipeline::plan(&scan.views, &config, observer)?;
+    plan.warnings.splice(0..0, scan.warnings.iter().cloned());
+    Ok(plan)
+}
+
+/// What the files of a run say about its input.
+pub fn source(scan: &Scan, job: &Job) -> Source {
+    let inputs = scan.inputs.iter().map(|path| path.display().to_string()).collect();
+    Source { inputs, notes: scan.notes.clone(), findings: verdict::of_scan(scan, job) }
+}
+
+/// Whether both jobs find the same seams in the same scan: what they differ by is only what is made of these.
+pub fn finds_the_same(a: &Job, b: &Job) -> bool {
+    let search = |job: &Job| {
+        let Job { input, units, intrinsics, camera_mm, method, ratio_threshold, scan, .. } = job.clone();
+        (input, units, intrinsics, camera_mm, method, ratio_threshold, scan)
+    };
+    search(a) == search(b)
+}
