@@ -8,6 +8,8 @@ mod help;
 mod keys;
 mod memory;
 mod monitor;
+#[cfg(feature = "open")]
+mod open;
 mod pendant;
 mod plan;
 mod port;
@@ -45,6 +47,8 @@ pub(crate) struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     Plan(Box<plan::Args>),
+    #[cfg(feature = "open")]
+    Open(open::Args),
     Simulate(simulate::Args),
     Refit(refit::Args),
     Evaluate(evaluate::Args),
@@ -73,6 +77,12 @@ pub(crate) fn start() -> ExitCode {
 /// A link to a pendant is read and driven at the same time; all else is done by one thread where there are no more.
 fn run_alone(command: &Command) -> Result<(), Failure> {
     match command {
+        #[cfg(feature = "open")]
+        Command::Open(_) => Err(Failure::new(
+            Exit::Output,
+            "the system grants this program no threads, and a page needs one beside the plan",
+        )
+        .hint("raise the limit of processes: `ulimit -u` shows it; `weldpath plan` does without")),
         Command::Stream(_)
         | Command::Monitor(_)
         | Command::Pendant(_)
@@ -89,6 +99,8 @@ fn run_alone(command: &Command) -> Result<(), Failure> {
 fn run(command: &Command) -> Result<(), Failure> {
     match command {
         Command::Plan(args) => plan::run(args),
+        #[cfg(feature = "open")]
+        Command::Open(args) => open::run(args),
         Command::Simulate(args) => simulate::run(args),
         Command::Refit(args) => refit::run(args),
         Command::Evaluate(args) => evaluate::run(args),

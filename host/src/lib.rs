@@ -38,7 +38,7 @@
 //!
 //! Millimetres, radians, seconds; robot base frame unless a name says otherwise; transforms are `to_from`.
 //!
-//! The command `weldpath` is the feature `cli`. A library user who wants few crates takes
+//! The command `weldpath` is the feature `cli`, its page that edits a job the feature `open`. A library user who wants few crates takes
 //! `default-features = false` and of `ply`, `pcd`, `yaml`, `serial`, `gestures`, `e57`, `las` what is needed. `examples/`
 //! plans a cloud in 20 lines, runs stages of one's own choice, and fills in poses between those of a path.
 #![forbid(unsafe_code)]
@@ -55,4 +55,6 @@ pub mod report;
 pub mod robot;
 pub mod run;
 pub mod seam;
+#[cfg(feature = "open")]
+pub mod server;
 pub mod weld;

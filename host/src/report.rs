@@ -16,6 +16,8 @@ mod run;
 
 pub use deviation::deviation;
 pub use page::with_deviation;
+#[cfg(feature = "open")]
+pub use page::{editable, waiting};
 pub use recording::Recording;
 use run::Run;
 

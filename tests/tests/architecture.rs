@@ -37,6 +37,7 @@ const HOST: &[(&str, &[&str])] = &[
     ("pendant", &["weld"]),
     ("lab", &["files", "geometry", "input", "model", "seam", "weld", "pipeline", "output", "run", "pendant"]),
     ("report", &["files", "geometry", "seam", "weld", "pipeline", "output", "run", "lab"]),
+    ("server", &["files", "input", "weld", "pipeline", "robot", "output", "run", "report"]),
 ];
 
 /// Names that say nothing about what is in a module.
@@ -399,12 +400,34 @@ fn the_library_alone_is_built_without_the_command_and_from_few_crates() {
     let names = |crates: &BTreeSet<String>| -> BTreeSet<String> {
         crates.iter().filter_map(|one| one.split(' ').next()).map(str::to_owned).collect()
     };
-    for name in
-        ["clap", "clap_complete", "indicatif", "serialport", "pcd-rs", "ply-rs-bw", "serde-saphyr", "lz-str"]
-    {
+    for name in [
+        "clap",
+        "clap_complete",
+        "hyper",
+        "indicatif",
+        "serialport",
+        "pcd-rs",
+        "ply-rs-bw",
+        "serde-saphyr",
+        "lz-str",
+        "tokio",
+    ] {
         assert!(!names(&alone).contains(name), "{name} is in the library alone");
         assert!(names(&all).contains(name), "{name} is not in the default build");
     }
+}
+
+/// Crates that the page of `weldpath open` adds to the command: HTTP, and what waits for it.
+const MOST_CRATES_OF_THE_PAGE: usize = 14;
+
+#[test]
+fn the_command_without_its_page_has_no_server_and_the_page_costs_few_crates() {
+    let features = "cli,e57,las";
+    let plain = crates_of_the_library(&["--no-default-features", "--features", features]);
+    let with = crates_of_the_library(&["--no-default-features", "--features", &format!("{features},open")]);
+    let added: Vec<&String> = with.difference(&plain).collect();
+    assert!(plain.is_subset(&with) && added.iter().any(|name| name.starts_with("hyper ")), "{added:?}");
+    assert!(added.len() <= MOST_CRATES_OF_THE_PAGE, "{added:?}");
 }
 
 /// A package of a lock file: its version and the names of what it depends on.

@@ -6,8 +6,9 @@ use std::process::Command;
 
 use weldpath_tests::command::weldpath;
 
-const SUBCOMMANDS: [&str; 12] = [
+const SUBCOMMANDS: [&str; 13] = [
     "plan",
+    "open",
     "simulate",
     "refit",
     "schema",
@@ -91,8 +92,11 @@ fn every_block_of_the_guide_ends_well_and_says_something() {
 #[test]
 fn every_option_that_the_pages_name_exists() {
     let helps: Vec<String> = SUBCOMMANDS.iter().map(|subcommand| help(subcommand)).collect();
-    let known: BTreeSet<&str> =
-        helps.iter().flat_map(|help| options(help)).chain(["--release", "--test", "--features"]).collect();
+    let known: BTreeSet<&str> = helps
+        .iter()
+        .flat_map(|help| options(help))
+        .chain(["--release", "--test", "--features", "--no-default-features"])
+        .collect();
     for page in PAGES {
         let page_text = doc(page);
         let unknown: Vec<&str> =

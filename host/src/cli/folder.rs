@@ -14,6 +14,14 @@ pub(super) struct FolderArgs {
     overwrite: bool,
 }
 
+#[cfg(feature = "open")]
+impl FolderArgs {
+    /// Whether files are replaced that weldpath did not write.
+    pub(super) fn overwrite(self) -> bool {
+        self.overwrite
+    }
+}
+
 /// A folder to write to.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Folder<'a> {

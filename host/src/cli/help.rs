@@ -35,6 +35,15 @@ const EXAMPLES: &[(&str, &[(&str, &str)])] = &[
             ("weldpath plan scan --json", "for scripts: summary.json on standard output"),
         ],
     ),
+    #[cfg(feature = "open")]
+    (
+        "open",
+        &[
+            ("weldpath open scan", "plan a scan, and choose and correct in the browser; results in out/"),
+            ("weldpath open out", "go on with the job of an earlier run"),
+            ("weldpath open out --no-browser", "only print the address"),
+        ],
+    ),
     (
         "simulate",
         &[

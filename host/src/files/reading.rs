@@ -3,6 +3,7 @@
 use std::fs;
 use std::io::{self, Read};
 use std::path::Path;
+use std::time::SystemTime;
 
 /// The most that a job file may be, bytes.
 pub const MOST_JOB: u64 = 1 << 20;
@@ -30,6 +31,19 @@ pub fn text(path: &Path, most: u64) -> io::Result<String> {
     String::from_utf8(bytes(path, most)?).map_err(|error| {
         io::Error::other(format!("byte {} is no text (UTF-8)", error.utf8_error().valid_up_to()))
     })
+}
+
+/// What tells that a file was written anew: its length, and when.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Stamp {
+    bytes: u64,
+    modified: SystemTime,
+}
+
+/// The stamp of a file as it is now; none if the system does not tell.
+pub fn stamp(path: &Path) -> Option<Stamp> {
+    let data = fs::metadata(path).ok()?;
+    Some(Stamp { bytes: data.len(), modified: data.modified().ok()? })
 }
 
 #[cfg(test)]

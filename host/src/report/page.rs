@@ -42,6 +42,40 @@ pub fn with_deviation(page: &str, deviation: &str) -> Option<String> {
     Some(format!("{before}{}{}{}", DEVIATION[0], inert(deviation), &rest[end..]))
 }
 
+/// What edits: style and script, built from `web/editor` by `web/build.sh`.
+#[cfg(feature = "open")]
+const EDITOR: [&str; 2] = [include_str!("web/editor/editor.css"), include_str!("web/dist/editor.js")];
+/// The page before the first plan.
+#[cfg(feature = "open")]
+const WAITING: &str = include_str!("web/editor/waiting.html");
+/// The policy of a page that is a file; a server sends its own.
+#[cfg(feature = "open")]
+const POLICY: [&str; 2] = ["<meta http-equiv=\"Content-Security-Policy\" content=\"", "\">\n"];
+
+/// A report as the page that edits the job of plan `number`; scripts carry `nonce`. None if `page` is no report.
+#[cfg(feature = "open")]
+pub fn editable(page: &str, nonce: &str, number: u64) -> Option<String> {
+    let (before, rest) = page.split_once(POLICY[0])?;
+    let (_, rest) = rest.split_once(POLICY[1])?;
+    // Data cannot begin an element: the last script is the report's own.
+    let (markup, script) = rest.rsplit_once("<script>")?;
+    let (script, end) = script.rsplit_once("</body>")?;
+    let [style, editor] = EDITOR;
+    Some(format!(
+        "{before}{markup}<style>{style}</style>\n<script nonce=\"{nonce}\">{script}\
+         <script nonce=\"{nonce}\" data-plan=\"{number}\" id=\"editor\">{editor}</script>\n</body>{end}"
+    ))
+}
+
+/// The page that waits for the first plan.
+#[cfg(feature = "open")]
+pub fn waiting(nonce: &str) -> String {
+    let [style, editor] = EDITOR;
+    let parts =
+        [("{{style}}", STYLE), ("{{editor-style}}", style), ("{{nonce}}", nonce), ("{{editor}}", editor)];
+    parts.iter().fold(WAITING.to_owned(), |page, (slot, text)| page.replacen(slot, text, 1))
+}
+
 /// JSON that ends no element and begins no comment.
 fn inert(json: &str) -> String {
     json.replace('<', "\\u003c")

@@ -1,11 +1,15 @@
 #!/bin/sh
-# Bundles the page's script, three.js included, into dist/report.js. Needs node and npm, and the network once; cargo needs
-# none of them, for the bundle is committed. Run it after a change in src/ or of a version in package.json.
+# Bundles the page's script, three.js included, into dist/report.js, and what `weldpath open` adds to it into dist/editor.js.
+# Needs node and npm, and the network once; cargo needs none of them, for the bundles are committed. Run it after a change in
+# src/ or editor/src/ or of a version in package.json.
 set -eu
 cd "$(dirname "$0")"
 npm ci --silent --no-audit --no-fund
-# A test compares this sum with that of the sources, so that the bundle cannot fall behind them.
-sum=$(cat src/*.js package-lock.json | cksum | tr ' ' '-')
-npx esbuild src/main.js --bundle --minify --format=iife --target=es2022 --legal-comments=inline \
-    --banner:js="/* weldpath report, sources $sum */" --outfile=dist/report.js
+# A test compares these sums with those of the sources, so that no bundle can fall behind them.
+bundle() {
+    npx esbuild "$1" --bundle --minify --format="$2" --target=es2022 --legal-comments=inline \
+        --banner:js="/* weldpath $3, sources $4 */" --outfile="dist/$3.js"
+}
+bundle src/main.js iife report "$(cat src/*.js package-lock.json | cksum | tr ' ' '-')"
+bundle editor/src/main.js iife editor "$(cat editor/src/*.js src/dom.js package-lock.json | cksum | tr ' ' '-')"
 cp node_modules/three/LICENSE dist/LICENSE-three.txt

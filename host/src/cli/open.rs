@@ -1,0 +1,103 @@
+//! `weldpath open`: a job and its scan in the browser.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+use weldpath::files::manifest;
+use weldpath::input;
+use weldpath::run::job::Job;
+use weldpath::server::{self, Workplace};
+
+use super::folder::{Folder, FolderArgs};
+use super::{Exit, Failure, plan, tell};
+
+/// Look, choose, correct and plan again in the browser
+///
+/// INPUT is what `weldpath plan` takes, the folder of an earlier run, or a job file. The scan is planned, and its report
+/// opened as a page in which the job is edited: which seams, in which order and direction, and how each is welded. What is
+/// clicked stands in job.toml with the next plan. The page is on 127.0.0.1 alone, and its address holds a secret word; the
+/// command ends with Ctrl-C, or a minute after the last page is closed.
+#[derive(Debug, clap::Args)]
+pub(super) struct Args {
+    /// Folder with scan.json, one cloud or mesh, a folder with results, or a job file
+    input: PathBuf,
+    /// Folder for the results; files there are replaced all at once or not at all [default: out, or the folder of results]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    #[command(flatten)]
+    folder: FolderArgs,
+    /// Let scan.json name files outside its folder
+    #[arg(long)]
+    allow_outside: bool,
+    /// Read nothing that would take more memory than this [default: half of the machine's]
+    #[arg(long, value_name = "MB", value_parser = clap::value_parser!(u64).range(input::memory::LEAST_MB..))]
+    memory_mb: Option<u64>,
+    /// Only print the address
+    #[arg(long)]
+    no_browser: bool,
+}
+
+/// Where the results go, if neither the command line nor the input says.
+const OUT: &str = "out";
+/// The job of a folder of results.
+const JOB: &str = "job.toml";
+
+pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    args.memory_mb.into_iter().for_each(input::memory::limit_mb);
+    let given = job_file(&args.input);
+    let mut job = match &given {
+        Some(path) => {
+            Job::read(path).map_err(|error| Failure::new(Exit::Usage, &error).hint(error.hint()))?
+        }
+        None => Job::default(),
+    };
+    let input = if given.is_some() { None } else { Some(&args.input) };
+    job.input = Some(plan::input(input, &job)?);
+    let results = is_results(&args.input).then(|| args.input.clone());
+    let out = args.out.clone().or(results).unwrap_or_else(|| OUT.into());
+    Folder::new(&out, args.folder, false).given(given.as_deref()).check(plan::CERTAIN)?;
+    let out = std::path::absolute(&out).map_err(|error| Failure::new(Exit::Output, error))?;
+    let overwrite = args.folder.overwrite();
+    let workplace = Workplace { out, given, overwrite, allow_outside: args.allow_outside };
+    let announce = |address: &str, ticket: &str| announce(address, (!args.no_browser).then_some(ticket));
+    server::open(job, workplace, announce)
+        .map_err(|error| Failure::new(Exit::Output, format!("the page cannot be served: {error}")))
+}
+
+/// Whether a run has left its files here.
+fn is_results(folder: &Path) -> bool {
+    folder.join(manifest::NAME).is_file() && folder.join(JOB).is_file()
+}
+
+/// The job file that is given, alone or in a folder of results.
+fn job_file(input: &Path) -> Option<PathBuf> {
+    if is_results(input) {
+        return Some(input.join(JOB));
+    }
+    let is_job = input.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("toml"));
+    is_job.then(|| input.to_path_buf())
+}
+
+/// Says where the page is, and opens it unless it shall not be.
+fn announce(address: &str, ticket: Option<&str>) {
+    // Where nobody can be told, the browser may be; and the other way round.
+    let _ = writeln!(std::io::stdout(), "{address}");
+    let _ = std::io::stdout().flush();
+    tell("Ctrl-C ends it, and so does the last page a minute after it is closed");
+    if let Some(ticket) = ticket
+        && let Err(error) = browse(ticket)
+    {
+        tell(&format!("warning: no browser could be started ({error}): open the address above"));
+    }
+}
+
+/// Hands an address to the browser of this machine.
+fn browse(address: &str) -> std::io::Result<()> {
+    let program = if cfg!(target_os = "macos") { "open" } else { "xdg-open" };
+    let mut browser = Command::new(program);
+    browser.arg(address).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+    let mut browser = browser.spawn()?;
+    // Somebody has to wait for it, or it stays in the table of processes.
+    std::thread::Builder::new().name("browser".into()).spawn(move || browser.wait()).map(drop)
+}

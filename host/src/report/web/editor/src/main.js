@@ -1,0 +1,261 @@
+// The report as a page that edits its job. The report itself stays as it is in a file: this script comes behind it, adds what
+// can be clicked, and loads the page anew when there is another plan.
+
+import { $, el } from "../../src/dom.js";
+import { WORDS } from "./words.js";
+import { act, edit, follow, onState, schema as ofJob } from "./server.js";
+import { parts } from "./panel.js";
+import { Ends } from "./ends.js";
+
+const own = { plan: Number($("editor").dataset.plan), schema: null, state: null, scope: "seam", parts: [], built: null };
+const page = globalThis.weldpath;
+const seamIds = page?.content.summary.seams.map((seam) => seam.id) ?? [];
+const chosen = () => page?.state.seam ?? null;
+const seamState = (id) => own.state?.seams.find((seam) => seam.id === id);
+// The seam that is edited; null for the whole job.
+const target = () => (own.scope === "seam" && seamIds.length ? chosen() : null);
+
+const button = (id, text, title, onclick) => el("button", { type: "button", id, title, onclick }, text);
+
+const strip = el("section", { id: "strip", "aria-label": WORDS.toolbar });
+const bar = el("progress", { max: 100, hidden: true, "aria-label": WORDS.plan });
+const said = el("p", { id: "said", role: "status" });
+const failed = el("p", { id: "failed", role: "alert", hidden: true });
+let note = "";
+
+function toolbar() {
+  const tools = el("div", { class: "work", role: "toolbar", "aria-label": WORDS.toolbar },
+    button("undo", WORDS.undo, WORDS.undoHint(null), () => act("undo")),
+    button("redo", WORDS.redo, WORDS.redoHint(null), () => act("redo")),
+    button("plan", WORDS.plan, WORDS.planHint, plan),
+    button("cancel", WORDS.cancel, WORDS.cancelHint, () => act("cancel")),
+    button("copy", WORDS.copy, WORDS.copyHint, copy));
+  strip.append(tools, bar, said, failed);
+  document.querySelector("header.bar").after(strip);
+}
+
+async function plan() {
+  const words = await act("plan");
+  if (words) tell(words);
+}
+
+function tell(words) {
+  note = words;
+  if (own.state) status(own.state);
+}
+
+async function copy() {
+  try {
+    await navigator.clipboard.writeText(own.state.command);
+    tell(WORDS.copied);
+  } catch {
+    scope("job");
+    const text = $("command");
+    text.open = true;
+    getSelection().selectAllChildren(text.querySelector("pre"));
+    tell(WORDS.notCopied);
+  }
+}
+
+function status(state) {
+  const { running, failure, unplanned, undo, redo } = state;
+  bar.hidden = !running;
+  if (running) bar.value = running[1];
+  said.textContent = running ? WORDS.planning(WORDS.stages[running[0]] ?? running[0])
+    : note || (unplanned ? WORDS.unplanned : state.plan ? WORDS.planned(state.out) : WORDS.nothing);
+  strip.classList.toggle("unplanned", unplanned && !running);
+  failed.hidden = !failure;
+  failed.textContent = failure ? `${failure.message} (${failure.hint})` : "";
+  $("plan").disabled = Boolean(running);
+  $("cancel").hidden = !running;
+  $("undo").disabled = !undo;
+  $("undo").title = WORDS.undoHint(undo);
+  $("redo").disabled = !redo;
+  $("redo").title = WORDS.redoHint(redo);
+}
+
+// A box before each seam of the report's list.
+function ticks() {
+  const head = document.querySelector("#seams thead tr");
+  head?.prepend(el("th", { scope: "col" }, WORDS.weldColumn));
+  for (const row of document.querySelectorAll("#seams tr[data-seam]")) {
+    const id = Number(row.dataset.seam);
+    const box = el("input", { type: "checkbox", "aria-label": WORDS.weldSeam(id), onchange: (event) => weld(id, event.target.checked) });
+    row.prepend(el("td", { class: "tick" }, box, el("span", { class: "place" })));
+  }
+}
+
+function showTicks(state) {
+  const on = state.order.filter((id) => seamState(id)?.on);
+  for (const row of document.querySelectorAll("#seams tr[data-seam]")) {
+    const id = Number(row.dataset.seam);
+    row.querySelector(".tick input").checked = on.includes(id);
+    const place = row.querySelector(".place");
+    place.textContent = on.includes(id) ? String(on.indexOf(id) + 1) : "";
+    place.title = WORDS.orderOf(on.indexOf(id) + 1);
+  }
+}
+
+// Does an edit; what is refused is told where a field cannot.
+async function change(body) {
+  tell((await edit(body)) ?? "");
+  if (own.state) render(own.state);
+}
+
+const weld = (seam, on) => change({ edit: "weld", seam, on });
+
+// Whether a seam is welded against the direction in which it was found: as the job says, or as it was planned.
+function isReversed(seam) {
+  const way = seam.settings.path.direction;
+  return way === "reverse" || (way !== "forward" && seam.reversed);
+}
+
+function reverse(id) {
+  const seam = seamState(id);
+  if (seam) change({ edit: "set", seam: id, key: "path.direction", value: isReversed(seam) ? "forward" : "reverse" });
+}
+
+// One place earlier or later among the seams that are welded.
+function move(id, by) {
+  const order = [...own.state.order];
+  const on = order.filter((one) => seamState(one)?.on);
+  const other = on[on.indexOf(id) + by];
+  if (!on.includes(id) || other === undefined) return;
+  const [a, b] = [order.indexOf(id), order.indexOf(other)];
+  [order[a], order[b]] = [order[b], order[a]];
+  change({ edit: "order", seams: order });
+}
+
+// "I have checked this" beside the first of each reason of the verdict: a job accepts all of one kind, or none.
+function reasons() {
+  const items = [...document.querySelectorAll("#verdict li")];
+  const ids = items.map((item) => item.querySelector("code").textContent);
+  items.forEach((item, k) => {
+    const id = ids[k];
+    if (ids.indexOf(id) < k) return;
+    const more = ids.filter((other) => other === id).length - 1;
+    item.append(el("label", { class: "box", title: WORDS.checkedHint(id) },
+      el("input", { type: "checkbox", "data-reason": id, onchange: (event) => change({ edit: "accept", reason: id, on: event.target.checked }) }), WORDS.checked(more)));
+  });
+}
+
+function panel() {
+  const scopes = el("div", { class: "scopes", role: "group", "aria-label": WORDS.scopeHint },
+    button("scope-seam", "", WORDS.scopeHint, () => scope("seam")),
+    button("scope-job", WORDS.scopeJob, WORDS.scopeHint, () => scope("job")));
+  const actions = el("div", { id: "actions", class: "actions" },
+    button("on", "", WORDS.onHint, () => weld(target(), !seamState(target())?.on)),
+    button("reverse", WORDS.reverse, WORDS.reverseHint, () => reverse(target())),
+    button("earlier", WORDS.earlier, WORDS.earlierHint, () => move(target(), -1)),
+    button("later", WORDS.later, WORDS.laterHint, () => move(target(), 1)));
+  const box = el("section", { id: "edit", "aria-label": WORDS.edit }, scopes, actions, el("div", { id: "settings" }));
+  // What is typed there is no key of the picture.
+  box.addEventListener("keydown", (event) => {
+    if (typing(event.target)) event.stopPropagation();
+  });
+  $("seams").after(box);
+  // The report selects seams by list, label, picture and digits, and shows each in its details.
+  new MutationObserver(() => own.state && render(own.state)).observe($("detail"), { childList: true });
+}
+
+const typing = (element) => ["SELECT", "TEXTAREA"].includes(element.tagName) || (element.tagName === "INPUT" && !["checkbox", "range"].includes(element.type));
+
+function scope(which) {
+  own.scope = which;
+  if (own.state) render(own.state);
+}
+
+const openGroups = () => [...document.querySelectorAll("#settings details[open]")].map((one) => one.dataset.group).filter(Boolean);
+
+function render(state) {
+  status(state);
+  if (!page || !own.schema) return;
+  showTicks(state);
+  for (const box of document.querySelectorAll("#verdict input")) box.checked = state.job.accept.includes(box.dataset.reason);
+  const id = target();
+  if (own.built !== String(id) || !own.parts.length) {
+    const open = own.parts.length ? openGroups() : stored().open ?? ["path"];
+    own.parts = parts(own.schema, state, id, open);
+    own.built = String(id);
+    $("settings").replaceChildren(...own.parts);
+  }
+  own.parts.forEach((part) => part.update(state));
+  const selected = seamState(chosen());
+  ends?.show(selected && seamLine(selected.id), selected?.settings, selected && isReversed(selected));
+  $("scope-seam").hidden = !seamIds.length;
+  $("scope-seam").textContent = WORDS.scopeSeam(chosen());
+  $("scope-seam").setAttribute("aria-pressed", String(id !== null));
+  $("scope-job").setAttribute("aria-pressed", String(id === null));
+  $("actions").hidden = id === null;
+  $("on").textContent = seamState(id)?.on ? WORDS.leaveOut : WORDS.weld;
+}
+
+function keyboard() {
+  const acts = {
+    p: plan, x: () => weld(chosen(), !seamState(chosen())?.on), r: () => reverse(chosen()), "[": () => move(chosen(), -1), "]": () => move(chosen(), 1),
+    j: () => scope(own.scope === "job" ? "seam" : "job"), c: copy, Escape: () => own.state.running && act("cancel"),
+  };
+  document.addEventListener("keydown", (event) => {
+    if (typing(event.target) || !own.state || event.altKey) return;
+    const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
+    const control = event.ctrlKey || event.metaKey;
+    const call = control ? { z: () => act(event.shiftKey ? "redo" : "undo"), y: () => act("redo") }[key] : acts[key];
+    if (!call || (!page && !["p", "Escape"].includes(key))) return;
+    event.preventDefault();
+    call();
+  });
+}
+
+// Where one looks outlives the page: it is loaded anew with each plan.
+const STORE = `weldpath ${location.pathname}`;
+const stored = () => JSON.parse(sessionStorage.getItem(STORE) ?? "{}");
+
+function keep() {
+  const { scene, state } = page;
+  const camera = scene && { position: scene.camera.position.toArray(), target: scene.controls.target.toArray() };
+  sessionStorage.setItem(STORE, JSON.stringify({ seam: state.seam, scope: own.scope, open: openGroups(), camera, scroll: [scrollX, scrollY] }));
+}
+
+function restore() {
+  const { seam, scope: last, camera, scroll } = stored();
+  own.scope = last ?? "seam";
+  if (seamIds.includes(seam)) document.querySelector(`#seams tr[data-seam="${seam}"]`).click();
+  if (camera && page.scene) {
+    page.scene.camera.position.fromArray(camera.position);
+    page.scene.controls.target.fromArray(camera.target);
+    page.scene.controls.update();
+    page.scene.redraw();
+  }
+  if (scroll) scrollTo(...scroll);
+}
+
+if (!page) document.documentElement.dataset.theme = matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
+const seamLine = (id) => page.content.seams.find((seam) => seam.id === id);
+const ends = page?.scene && seamIds.length ? new Ends(page.scene, (seam, key, mm) => change({ edit: "set", seam, key: `path.${key}`, value: mm })) : null;
+
+toolbar();
+keyboard();
+if (page) {
+  ticks();
+  reasons();
+  panel();
+  restore();
+  addEventListener("pagehide", keep);
+  $("footer").append(" ", WORDS.keys);
+}
+onState((state) => {
+  if (state.plan !== own.plan) {
+    location.reload();
+    return;
+  }
+  if (own.state && state.revision !== own.state.revision && state.running) note = "";
+  own.state = state;
+  render(state);
+});
+ofJob().then((schema) => {
+  own.schema = schema;
+  return follow((gone) => {
+    strip.classList.toggle("gone", gone);
+    if (gone) said.textContent = WORDS.gone;
+  });
+});

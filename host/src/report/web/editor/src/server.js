@@ -1,0 +1,44 @@
+// The server of this page: what it knows, and what it is asked to do. The address of the page holds the token.
+
+let listener = () => {};
+let revision = null;
+
+export const onState = (call) => { listener = call; };
+
+function take(state) {
+  // An answer to a click may overtake news that was sent before it.
+  if (revision !== null && state.revision < revision) return;
+  revision = state.revision;
+  listener(state);
+}
+
+// Does something; the words of the refusal, or nothing.
+export async function act(what, body = {}) {
+  const answer = await fetch(what, { method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify(body) });
+  if (!answer.ok) return answer.text();
+  take(await answer.json());
+  return null;
+}
+
+export const edit = (body) => act("edit", body);
+
+export async function schema() {
+  return (await fetch("schema")).json();
+}
+
+const RETRY_MS = 2000;
+
+// Waits for news, for as long as the page is open.
+export async function follow(onGone) {
+  for (;;) {
+    try {
+      const answer = await fetch(revision === null ? "state" : `state?known=${revision}`);
+      if (!answer.ok) throw new Error(await answer.text());
+      take(await answer.json());
+      onGone(false);
+    } catch {
+      onGone(true);
+      await new Promise((done) => setTimeout(done, RETRY_MS));
+    }
+  }
+}

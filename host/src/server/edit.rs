@@ -1,0 +1,190 @@
+//! What can be clicked: each edit changes the job, and nothing but the job.
+//!
+//! An edit of a seam goes to the `[[seam]]` that names it. Where there is none yet, one is made that names it by its place:
+//! a job that is planned on another scan refuses it where no seam is there any more.
+
+use std::collections::BTreeSet;
+
+use serde::Deserialize;
+use serde_json::Value;
+
+use crate::output::verdict::ReasonId;
+use crate::pipeline::Plan;
+use crate::run::job::quantity::{Place, WithinMm};
+use crate::run::job::{Job, SeamSettings, Selection, Sequence};
+use crate::run::{postprocessing, selection};
+use crate::weld::SeamPath;
+
+/// A seam that was clicked is found again within this of its middle, mm: a second scan of the same part moves it by less,
+/// and its neighbours are farther.
+const WITHIN_MM: f64 = 5.0;
+/// Keys of the whole job that a page may set; `input` and what decides how it is read are not among them.
+const OF_JOB: [&str; 11] =
+    ["formats", "order", "path", "torch", "weave", "stitch", "arc", "tool", "robot", "torch_body", "program"];
+/// Those of a seam.
+const OF_SEAM: [&str; 4] = ["path", "torch", "weave", "stitch"];
+/// The list of passes, of both.
+const PASSES: &str = "pass";
+
+/// One click.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(tag = "edit", rename_all = "kebab-case", deny_unknown_fields)]
+pub(super) enum Edit {
+    /// A setting of the whole job, or of one seam; null takes it back to what holds without it.
+    Set { seam: Option<usize>, key: String, value: Value },
+    /// Whether a seam is welded.
+    Weld { seam: usize, on: bool },
+    /// In which order the seams are welded, by their ids.
+    Order { seams: Vec<usize> },
+    /// Whether a reason of the verdict is confirmed.
+    Accept { reason: ReasonId, on: bool },
+}
+
+impl Edit {
+    /// In a few words, for undo and redo.
+    pub(super) fn words(&self) -> String {
+        let of = |seam: &Option<usize>| seam.map(|id| format!(" of seam {id}")).unwrap_or_default();
+        match self {
+            Self::Set { seam, key, .. } => format!("{key}{}", of(seam)),
+            Self::Weld { seam, on: true } => format!("weld seam {seam}"),
+            Self::Weld { seam, on: false } => format!("leave out seam {seam}"),
+            Self::Order { .. } => "order of the seams".into(),
+            Self::Accept { reason, on: true } => format!("accept {}", reason.name()),
+            Self::Accept { reason, on: false } => format!("no longer accept {}", reason.name()),
+        }
+    }
+
+    /// The job with this edit.
+    ///
+    /// # Errors
+    /// In words, if it makes no job that could be planned.
+    pub(super) fn on(&self, job: &Job, plan: &Plan) -> Result<Job, String> {
+        let mut edited = job.clone();
+        match self {
+            Self::Set { seam: None, key, value } => {
+                edited = with_key(&edited, key, value, &OF_JOB)?;
+            }
+            Self::Set { seam: Some(id), key, value } => {
+                let own = entry(&mut edited, plan, *id)?;
+                *own = with_key(own, key, value, &OF_SEAM)?;
+            }
+            Self::Weld { seam, on } => switch(&mut edited, plan, *seam, *on)?,
+            Self::Order { seams } => arrange(&mut edited, plan, seams)?,
+            Self::Accept { reason, on } => {
+                edited.accept.retain(|id| id != reason);
+                edited.accept.extend(on.then_some(*reason));
+                edited.accept.sort_unstable();
+            }
+        }
+        if edited.order.sequence != Sequence::Listed {
+            edited.seams.retain(says_something);
+        }
+        edited.check().map_err(|error| error.why())?;
+        postprocessing::chosen(plan, &edited).map_err(|error| error.to_string())?;
+        Ok(edited)
+    }
+}
+
+/// Whether a `[[seam]]` says more than which seam it is about.
+fn says_something(own: &SeamSettings) -> bool {
+    let SeamSettings { id, near_mm, within_mm, .. } = *own;
+    *own != SeamSettings { id, near_mm, within_mm, ..SeamSettings::default() }
+}
+
+/// Settings with the value of a dotted key in place of what was there.
+fn with_key<T>(settings: &T, key: &str, value: &Value, known: &[&str]) -> Result<T, String>
+where
+    T: serde::Serialize + serde::de::DeserializeOwned,
+{
+    let words = |error: serde_json::Error| format!("{key}: {error}");
+    let mut tree = serde_json::to_value(settings).map_err(words)?;
+    let names: Vec<&str> = key.split('.').collect();
+    if !(known.contains(&names[0]) || key == PASSES) {
+        return Err(format!("{key:?} is nothing that this page sets"));
+    }
+    put(&mut tree, &names, value);
+    serde_json::from_value(tree).map_err(words)
+}
+
+/// Puts a value where the names lead to; null takes what is there away, and a table that is empty then.
+fn put(tree: &mut Value, names: &[&str], value: &Value) {
+    let [name, rest @ ..] = names else { return };
+    if !tree.is_object() {
+        *tree = Value::Object(serde_json::Map::new());
+    }
+    let Some(table) = tree.as_object_mut() else { return };
+    if !rest.is_empty() {
+        let inner = table.entry(*name).or_insert_with(|| Value::Object(serde_json::Map::new()));
+        put(inner, rest, value);
+        if inner.as_object().is_some_and(serde_json::Map::is_empty) {
+            table.remove(*name);
+        }
+    } else if value.is_null() {
+        table.remove(*name);
+    } else {
+        table.insert((*name).to_owned(), value.clone());
+    }
+}
+
+/// The last `[[seam]]` that names this seam, which is the one that holds; a new one, by its place, if there is none.
+fn entry<'a>(job: &'a mut Job, plan: &Plan, id: usize) -> Result<&'a mut SeamSettings, String> {
+    let path =
+        plan.paths.iter().find(|path| path.seam == id).ok_or_else(|| format!("there is no seam {id}"))?;
+    let names_it = |own: &SeamSettings| selection::named(&plan.paths, own) == Ok(Some(id));
+    let at = match job.seams.iter().rposition(names_it) {
+        Some(at) => at,
+        None => {
+            let (near_mm, within_mm) = (middle(path), WithinMm::try_from(WITHIN_MM).ok());
+            let by_place = SeamSettings { near_mm, within_mm, ..SeamSettings::default() };
+            let by_id = SeamSettings { id: Some(id), ..SeamSettings::default() };
+            // Where two seams cross amid both of them, a place names either.
+            job.seams.push(if names_it(&by_place) { by_place } else { by_id });
+            job.seams.len() - 1
+        }
+    };
+    Ok(&mut job.seams[at])
+}
+
+/// Amid the seam, to the tenth of a millimetre: where it is told from those that it meets at its ends.
+fn middle(path: &SeamPath) -> Option<Place> {
+    let place = path.points.get(path.points.len() / 2)?.position_mm;
+    let tenth = |mm: f64| (mm * 10.0).round() / 10.0 + 0.0;
+    Place::try_from([place.x, place.y, place.z].map(tenth)).ok()
+}
+
+fn switch(job: &mut Job, plan: &Plan, id: usize, on: bool) -> Result<(), String> {
+    let welded = postprocessing::chosen(plan, job).map_err(|error| error.to_string())?;
+    let welded: BTreeSet<usize> = welded.iter().map(|path| path.seam).collect();
+    if on && !welded.contains(&id) && job.selection != Selection::default() {
+        // What chose the others by ids, a place or a box is said seam by seam instead.
+        job.selection = Selection::default();
+        for other in plan.paths.iter().map(|path| path.seam).filter(|seam| !welded.contains(seam)) {
+            entry(job, plan, other)?.weld = false;
+        }
+    }
+    // Of several that name a seam, one that switches it off is enough.
+    for own in &mut job.seams {
+        if selection::named(&plan.paths, own) == Ok(Some(id)) {
+            own.weld = true;
+        }
+    }
+    entry(job, plan, id)?.weld = on;
+    Ok(())
+}
+
+fn arrange(job: &mut Job, plan: &Plan, ids: &[usize]) -> Result<(), String> {
+    let once: BTreeSet<usize> = ids.iter().copied().collect();
+    if once.len() != ids.len() {
+        return Err("a seam stands twice in the order".into());
+    }
+    for id in ids {
+        entry(job, plan, *id)?;
+    }
+    let place = |own: &SeamSettings| {
+        let named = selection::named(&plan.paths, own).ok().flatten();
+        ids.iter().position(|id| Some(*id) == named).unwrap_or(usize::MAX)
+    };
+    job.seams.sort_by_key(place);
+    job.order.sequence = Sequence::Listed;
+    Ok(())
+}

@@ -1,0 +1,280 @@
+//! Requests in, answers out: HTTP on 127.0.0.1, with a bound on everything that a client can make grow.
+
+use std::convert::Infallible;
+use std::io;
+use std::net::Ipv4Addr;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::{Duration, Instant};
+
+use http_body_util::{BodyExt, Full, LengthLimitError, Limited};
+use hyper::body::{Body, Bytes, Incoming};
+use hyper::header::{self, HeaderValue};
+use hyper::server::conn::http1;
+use hyper::service::service_fn;
+use hyper::{Method, Request, Response, StatusCode};
+use hyper_util::rt::{TokioIo, TokioTimer};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::Semaphore;
+use tokio::time::timeout;
+
+use super::edit::Edit;
+use super::guard::{self, Door, Way};
+use super::planner;
+use super::session::Session;
+use crate::report;
+use crate::run::job::Job;
+
+/// Connections at a time; more are closed at once. A page has two.
+const MOST_CONNECTIONS: usize = 64;
+/// An edit is a few hundred bytes; an order of all seams of a large part a few thousand.
+const MOST_BODY_BYTES: usize = 64 << 10;
+/// Lines before the body, together.
+const MOST_HEAD_BYTES: usize = 16 << 10;
+/// A client on the same machine says what it wants at once.
+const HEAD_TIME: Duration = Duration::from_secs(5);
+const BODY_TIME: Duration = Duration::from_secs(5);
+/// A page that asks what is new is answered after this, though nothing is.
+const NEWS_TIME: Duration = Duration::from_secs(20);
+/// Longer than any request takes with its answer.
+const CONNECTION_TIME: Duration = Duration::from_secs(60);
+/// The server ends when no page has asked for news for this long.
+const GRACE: Duration = Duration::from_secs(60);
+/// How often that is looked at.
+const TICK: Duration = Duration::from_secs(1);
+
+type Answer = Response<Full<Bytes>>;
+
+/// A server that is bound to its port.
+struct Server {
+    session: Arc<Session>,
+    door: Door,
+    /// Pages that wait for news.
+    waiting: AtomicUsize,
+    /// When the last page has asked; none before the first.
+    last_asked: std::sync::Mutex<Option<Instant>>,
+}
+
+/// Answers requests until no page is open any more; `announce` is told the address, and another that leads there once.
+pub(super) fn serve(session: Arc<Session>, announce: impl FnOnce(&str, &str)) -> io::Result<()> {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    runtime.block_on(async {
+        let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).await?;
+        let door = Door::new(listener.local_addr()?, guard::token()?, guard::token()?);
+        announce(&door.address(), &door.ticket_address().unwrap_or_default());
+        let (waiting, last_asked) = (AtomicUsize::new(0), std::sync::Mutex::new(None));
+        let server = Arc::new(Server { session, door, waiting, last_asked });
+        let seats = Arc::new(Semaphore::new(MOST_CONNECTIONS));
+        while !server.is_left(Instant::now()) {
+            let Ok(accepted) = timeout(TICK, listener.accept()).await else { continue };
+            // Of a system that has no descriptors left, one asks again a moment later.
+            let Ok((stream, _)) = accepted else {
+                tokio::time::sleep(Duration::from_millis(50)).await;
+                continue;
+            };
+            if let Ok(seat) = Arc::clone(&seats).try_acquire_owned() {
+                let server = Arc::clone(&server);
+                tokio::spawn(async move {
+                    // Whatever ends a connection early is the client's own affair.
+                    let _ = timeout(CONNECTION_TIME, connection(server, stream)).await;
+                    drop(seat);
+                });
+            }
+        }
+        Ok(())
+    })
+}
+
+async fn connection(server: Arc<Server>, stream: TcpStream) -> hyper::Result<()> {
+    let service = service_fn(move |request| {
+        let server = Arc::clone(&server);
+        async move { Ok::<_, Infallible>(server.answer(request).await) }
+    });
+    http1::Builder::new()
+        .timer(TokioTimer::new())
+        .header_read_timeout(HEAD_TIME)
+        .max_buf_size(MOST_HEAD_BYTES)
+        .keep_alive(false)
+        .serve_connection(TokioIo::new(stream), service)
+        .await
+}
+
+impl Server {
+    /// Whether a page was open and none is, and nothing would be lost.
+    fn is_left(&self, now: Instant) -> bool {
+        let last = *self.last_asked.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let quiet = last.is_some_and(|last| now.saturating_duration_since(last) > GRACE);
+        quiet && self.waiting.load(Ordering::SeqCst) == 0 && self.session.is_at_rest()
+    }
+
+    async fn answer(&self, request: Request<Incoming>) -> Answer {
+        let (head, body) = request.into_parts();
+        let path = match self.door.admit(&head.method, head.uri.path(), &head.headers) {
+            Ok(Way::Inside(path)) => path,
+            Ok(Way::Ticket) => return onward(&self.door.address()),
+            Err((status, words)) => return refusal(status, words),
+        };
+        if head.method == Method::GET {
+            return match path.as_str() {
+                "" => self.page(),
+                "schema" => json(Job::schema()),
+                "state" => self.news(head.uri.query().unwrap_or_default()).await,
+                _ => refusal(StatusCode::NOT_FOUND, "there is nothing here"),
+            };
+        }
+        match read(body).await {
+            Ok(body) => self.act(&path, &body),
+            Err((status, words)) => refusal(status, words),
+        }
+    }
+
+    /// What the page does with the job.
+    fn act(&self, path: &str, body: &[u8]) -> Answer {
+        match path {
+            "edit" => {
+                let edit: Result<Edit, _> = serde_json::from_slice(body);
+                let done = edit.map_err(|error| error.to_string()).and_then(|edit| self.session.edit(&edit));
+                if let Err(words) = done {
+                    return refusal(StatusCode::BAD_REQUEST, &words);
+                }
+            }
+            "undo" => self.session.undo(),
+            "redo" => self.session.redo(),
+            "cancel" => self.session.cancel(),
+            "plan" => {
+                if let Err(error) = planner::start(&self.session) {
+                    return refusal(StatusCode::SERVICE_UNAVAILABLE, &error.to_string());
+                }
+            }
+            _ => return refusal(StatusCode::NOT_FOUND, "there is nothing here"),
+        }
+        json(self.session.told())
+    }
+
+    /// The report of the last plan with what edits it, or a page that waits for the first.
+    fn page(&self) -> Answer {
+        let Ok(nonce) = guard::token() else {
+            return refusal(StatusCode::SERVICE_UNAVAILABLE, "the system has no randomness to give");
+        };
+        let page = match self.session.shown() {
+            Some(shown) => report::editable(&shown.html, &nonce, shown.number),
+            None => Some(report::waiting(&nonce)),
+        };
+        let Some(page) = page else {
+            return refusal(StatusCode::INTERNAL_SERVER_ERROR, "the report is no page of weldpath's");
+        };
+        let policy = format!(
+            "default-src 'none'; script-src 'nonce-{nonce}'; style-src 'unsafe-inline'; img-src data:; connect-src 'self'; \
+             base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+        );
+        let mut answer = answer(StatusCode::OK, "text/html; charset=utf-8", page);
+        if let Ok(policy) = HeaderValue::from_str(&policy) {
+            answer.headers_mut().insert(header::CONTENT_SECURITY_POLICY, policy);
+        }
+        answer
+    }
+
+    /// The state of things, as soon as it is not that of the revision that the page knows.
+    async fn news(&self, query: &str) -> Answer {
+        let known: Option<u64> = query.strip_prefix("known=").and_then(|known| known.parse().ok());
+        let _waiting = Waiting::new(self);
+        let mut changes = self.session.changes();
+        // After a while the page is answered all the same, and asks again: so it is known to be open.
+        let _ = timeout(NEWS_TIME, changes.wait_for(|revision| Some(*revision) != known)).await;
+        json(self.session.told())
+    }
+}
+
+/// A page that waits for news; it is counted as long as this lives, and its connection.
+struct Waiting<'a>(&'a Server);
+
+impl<'a> Waiting<'a> {
+    fn new(server: &'a Server) -> Self {
+        server.waiting.fetch_add(1, Ordering::SeqCst);
+        Self(server)
+    }
+}
+
+impl Drop for Waiting<'_> {
+    fn drop(&mut self) {
+        let mut last = self.0.last_asked.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        *last = Some(Instant::now());
+        self.0.waiting.fetch_sub(1, Ordering::SeqCst);
+    }
+}
+
+/// The whole body, if it is small and comes soon.
+async fn read(body: Incoming) -> Result<Bytes, guard::Refusal> {
+    let late = (StatusCode::REQUEST_TIMEOUT, "the request did not come to its end");
+    let broken = (StatusCode::BAD_REQUEST, "the request broke off");
+    let large = (StatusCode::PAYLOAD_TOO_LARGE, "no edit is so large");
+    if body.size_hint().lower() > MOST_BODY_BYTES as u64 {
+        return Err(large);
+    }
+    match timeout(BODY_TIME, Limited::new(body, MOST_BODY_BYTES).collect()).await {
+        Ok(Ok(body)) => Ok(body.to_bytes()),
+        Ok(Err(error)) if error.is::<LengthLimitError>() => Err(large),
+        Ok(Err(_)) => Err(broken),
+        Err(_) => Err(late),
+    }
+}
+
+fn json(text: String) -> Answer {
+    answer(StatusCode::OK, "application/json", text)
+}
+
+fn refusal(status: StatusCode, words: &str) -> Answer {
+    answer(status, "text/plain; charset=utf-8", words.to_owned())
+}
+
+/// To the address that can be loaded again.
+fn onward(address: &str) -> Answer {
+    let mut answer = answer(StatusCode::SEE_OTHER, "text/plain; charset=utf-8", String::new());
+    if let Ok(address) = HeaderValue::from_str(address) {
+        answer.headers_mut().insert(header::LOCATION, address);
+    }
+    answer
+}
+
+fn answer(status: StatusCode, kind: &'static str, text: String) -> Answer {
+    let mut answer = Response::new(Full::new(Bytes::from(text)));
+    *answer.status_mut() = status;
+    let headers = [
+        (header::CONTENT_TYPE, kind),
+        (header::CACHE_CONTROL, "no-store"),
+        (header::REFERRER_POLICY, "no-referrer"),
+        (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
+        (header::X_FRAME_OPTIONS, "DENY"),
+        (header::HeaderName::from_static("cross-origin-opener-policy"), "same-origin"),
+        (header::HeaderName::from_static("cross-origin-resource-policy"), "same-origin"),
+    ];
+    for (name, value) in headers {
+        answer.headers_mut().insert(name, HeaderValue::from_static(value));
+    }
+    answer
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::server::session::Workplace;
+
+    #[test]
+    fn the_server_ends_a_minute_after_the_last_page_and_never_before_the_first_or_amid_a_plan() {
+        let session = Session::new(Job::default(), Workplace::default());
+        let door = Door::new(([127, 0, 0, 1], 4000).into(), "a".into(), "b".into());
+        let server =
+            Server { session, door, waiting: AtomicUsize::new(0), last_asked: std::sync::Mutex::new(None) };
+        let later = |time: Duration| Instant::now() + time;
+        assert!(!server.is_left(later(10 * GRACE)));
+        let waiting = Waiting::new(&server);
+        assert!(!server.is_left(later(10 * GRACE)));
+        drop(waiting);
+        assert!(!server.is_left(later(GRACE / 2)) && server.is_left(later(2 * GRACE)));
+        let begun = server.session.begin();
+        assert!(begun.is_some() && server.session.begin().is_none());
+        assert!(!server.is_left(later(2 * GRACE)));
+        server.session.ended(None);
+        assert!(server.is_left(later(2 * GRACE)));
+    }
+}

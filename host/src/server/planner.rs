@@ -1,0 +1,158 @@
+//! The thread that plans: the same steps as `weldpath plan --job`, and the same files.
+//!
+//! What was found in the scan is kept: an edit that leaves the search as it is only makes the paths and files anew. Where a
+//! file of the scan has changed since, all is done again.
+
+use std::collections::BTreeSet;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use nalgebra::Vector3;
+
+use super::found::{self, Found};
+use super::session::{Begun, Session, Shown, Told, Workplace};
+use crate::files::{File, Writer};
+use crate::output::verdict::State;
+use crate::pipeline::{Evidence, Observer, Plan, PlanError};
+use crate::report::{self, Recording};
+use crate::run::job::Job;
+use crate::run::planning::{self, PASSED};
+use crate::run::postprocessing::{Output, postprocess};
+use crate::weld::{PathPoint, SeamPath};
+
+/// Tells the pages how far the plan is.
+struct Watch<'a> {
+    session: &'a Session,
+    stop: &'a AtomicBool,
+    recording: Recording,
+}
+
+impl Observer for Watch<'_> {
+    fn stage(&mut self, name: &'static str) {
+        let usual = PASSED.iter().find(|(stage, _)| *stage == name).map_or(0, |(_, percent)| *percent);
+        self.session.stage(name, usual);
+    }
+
+    fn evidence(&mut self, evidence: &Evidence) {
+        self.recording = Recording::of(evidence);
+    }
+
+    fn is_done(&self) -> bool {
+        self.stop.load(Ordering::SeqCst)
+    }
+}
+
+/// Says that the plan has ended, however it does.
+struct Turn<'a> {
+    session: &'a Session,
+    failure: Option<Told>,
+}
+
+impl Drop for Turn<'_> {
+    fn drop(&mut self) {
+        self.session.ended(self.failure.take());
+    }
+}
+
+/// Begins to plan the job as it is now, to write its files, and to show its report; nothing if a plan is being made.
+///
+/// # Errors
+/// If the system grants no thread.
+pub(super) fn start(session: &Arc<Session>) -> std::io::Result<()> {
+    let Some(Begun { job, found, stop }) = session.begin() else { return Ok(()) };
+    let own = Arc::clone(session);
+    let work = move || {
+        let died = told("the plan ended before its time", "the terminal says why; plan again");
+        let mut turn = Turn { session: &own, failure: Some(died) };
+        turn.failure = planned(&own, job, found, &stop).err();
+    };
+    let thread = std::thread::Builder::new().name("plan".into()).spawn(work);
+    thread.map(drop).inspect_err(|_| session.ended(None))
+}
+
+fn planned(session: &Session, job: Job, found: Option<Arc<Found>>, stop: &AtomicBool) -> Result<(), Told> {
+    let found = match found.filter(|found| found.holds_for(&job)) {
+        Some(found) => found,
+        None => {
+            let found = Arc::new(search(session, &job, stop)?);
+            session.found(&found);
+            found
+        }
+    };
+    session.stage("files", 99);
+    let source = planning::source(&found.scan, &job);
+    let mut output = postprocess(&found.plan, &job, source)
+        .map_err(|error| told(error, "take the last edit back, or choose other seams"))?;
+    let report = report::files(&found.plan, &output, &found.recording, &job);
+    let html =
+        report.first().map(|page| String::from_utf8_lossy(&page.bytes).into_owned()).unwrap_or_default();
+    output.files.extend(report);
+    if stop.load(Ordering::SeqCst) {
+        return Err(given_up());
+    }
+    write(&session.workplace, &output.files)?;
+    let order = output.paths.iter().map(|path| path.seam).collect();
+    let (html, reversed) = (html.into(), reversed(&found.plan, &output));
+    session.show(Shown { html, job, order, reversed, ..Shown::default() });
+    refused(&output)
+}
+
+/// Reads the scan and finds its seams. What was seen where there is none is written and shown.
+fn search(session: &Session, job: &Job, stop: &AtomicBool) -> Result<Found, Told> {
+    let mut watch = Watch { session, stop, recording: Recording::default() };
+    watch.stage("scan");
+    let scan = planning::read(job, session.workplace.allow_outside)
+        .map_err(|error| told(error, "the scan is read anew with the next plan"))?;
+    let stamps = found::stamps(&scan);
+    match planning::plan(&scan, job, &mut watch) {
+        Ok(plan) => Ok(Found::new(job, stamps, scan, plan, watch.recording)),
+        Err(PlanError::GivenUp) => Err(given_up()),
+        Err(error @ PlanError::NoSeam { .. }) => {
+            let seen = report::without_seams(&watch.recording, job, &error.to_string());
+            write(&session.workplace, &seen)?;
+            if let Some(page) = seen.first() {
+                let html = String::from_utf8_lossy(&page.bytes).into();
+                session.show(Shown { html, job: job.clone(), ..Shown::default() });
+            }
+            Err(told(error, "docs/troubleshooting.md says what to try"))
+        }
+    }
+}
+
+/// Seams whose first pass is welded against the direction in which they were found.
+fn reversed(plan: &Plan, output: &Output) -> BTreeSet<usize> {
+    let turned = |found: &&SeamPath| {
+        let welded = output.paths.iter().find(|path| path.seam == found.seam)?;
+        let amid = welded.points.get(welded.points.len() / 2)?;
+        let away_mm = |p: &&PathPoint| (p.position_mm - amid.position_mm).norm();
+        let beside = found.points.iter().min_by(|a, b| away_mm(a).total_cmp(&away_mm(b)))?;
+        let travel = |point: &PathPoint| point.base_from_torch * Vector3::y();
+        Some(travel(amid).dot(&travel(beside)) < 0.0)
+    };
+    plan.paths.iter().filter(|path| turned(path) == Some(true)).map(|path| path.seam).collect()
+}
+
+fn write(workplace: &Workplace, files: &[File]) -> Result<(), Told> {
+    let Workplace { out, given, overwrite, .. } = workplace;
+    let writer = Writer::new(out).overwrite(*overwrite).given(given.as_deref());
+    let hint = "nothing is lost: free the folder, or start again with --out and another one, and plan again";
+    writer.write(files).map(drop).map_err(|error| told(error, hint))
+}
+
+fn refused(output: &Output) -> Result<(), Told> {
+    match output.summary.verdict().state {
+        State::Refused => Err(told(
+            "the plan is refused: no program is written",
+            "the reasons stand above the picture; confirm one where it is known to be harmless",
+        )),
+        State::Ready | State::Check => Ok(()),
+    }
+}
+
+fn given_up() -> Told {
+    told("the plan was given up: no file has changed", "plan again when you are ready")
+}
+
+fn told(message: impl std::fmt::Display, hint: &str) -> Told {
+    Told { message: message.to_string(), hint: hint.into() }
+}

@@ -1,0 +1,336 @@
+//! What the page and the planning thread share: the job as it is edited, the last plan, and how far the next one is.
+
+use std::collections::BTreeSet;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use serde::Serialize;
+use tokio::sync::watch;
+
+use super::command::{self, Target};
+use super::edit::Edit;
+use super::found::Found;
+use crate::robot::feasibility::catalogue;
+use crate::run::job::{
+    Job, PassSettings, PathSettings, SeamSettings, Sequence, StitchSettings, TorchSettings, WeaveSettings,
+    Weld,
+};
+use crate::run::{postprocessing, selection};
+
+/// Edits that can be undone.
+const MOST_UNDONE: usize = 1000;
+
+/// Where the files of a plan go, and what may be read and replaced for it.
+#[derive(Debug, Clone, Default)]
+pub struct Workplace {
+    /// Folder of the results.
+    pub out: PathBuf,
+    /// Job file that was given and may be written anew.
+    pub given: Option<PathBuf>,
+    /// Whether files are replaced that weldpath did not write.
+    pub overwrite: bool,
+    /// Whether scan.json may name files outside its folder.
+    pub allow_outside: bool,
+}
+
+/// A failure as it is told.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub(super) struct Told {
+    pub message: String,
+    pub hint: String,
+}
+
+/// A plan that is being made.
+#[derive(Debug, Clone)]
+struct Running {
+    stage: &'static str,
+    percent: u64,
+    stop: Arc<AtomicBool>,
+}
+
+/// A job that is to be planned.
+#[derive(Debug)]
+pub(super) struct Begun {
+    pub job: Job,
+    /// What was found before.
+    pub found: Option<Arc<Found>>,
+    /// Set when nobody waits for it any more.
+    pub stop: Arc<AtomicBool>,
+}
+
+/// What the last plan left.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Shown {
+    /// Counted from 1.
+    pub number: u64,
+    /// Its report.
+    pub html: Arc<str>,
+    /// The job that was planned.
+    pub job: Job,
+    /// Seams in the order in which they are welded.
+    pub order: Vec<usize>,
+    /// Seams that are welded against the direction in which they were found.
+    pub reversed: BTreeSet<usize>,
+}
+
+/// A job that an edit led away from, and what the edit was.
+#[derive(Debug, Clone)]
+struct Step {
+    job: Job,
+    words: String,
+}
+
+#[derive(Debug, Default)]
+struct Desk {
+    job: Job,
+    undo: Vec<Step>,
+    redo: Vec<Step>,
+    found: Option<Arc<Found>>,
+    shown: Option<Shown>,
+    running: Option<Running>,
+    failure: Option<Told>,
+}
+
+/// One job on one scan, from the first page to the last.
+#[derive(Debug)]
+pub(super) struct Session {
+    pub workplace: Workplace,
+    desk: Mutex<Desk>,
+    revision: watch::Sender<u64>,
+}
+
+/// What a page is told, as JSON.
+#[derive(Debug, Serialize)]
+struct Overview<'a> {
+    revision: u64,
+    plan: u64,
+    running: Option<(&'static str, u64)>,
+    failure: Option<&'a Told>,
+    unplanned: bool,
+    undo: Option<&'a str>,
+    redo: Option<&'a str>,
+    job: &'a Job,
+    settings: Settings,
+    seams: Vec<SeamState>,
+    /// Ids of all seams: first those that are welded, in their order.
+    order: Vec<usize>,
+    command: String,
+    out: String,
+    /// Arms that are known by name.
+    models: &'static [&'static str],
+}
+
+/// How something is welded, with every default.
+#[derive(Debug, Serialize)]
+struct Settings {
+    path: PathSettings,
+    torch: TorchSettings,
+    weave: WeaveSettings,
+    stitch: StitchSettings,
+    pass: Vec<PassSettings>,
+}
+
+impl From<&Weld> for Settings {
+    fn from(weld: &Weld) -> Self {
+        let Weld { path, torch, weave, stitch, passes } = weld.filled();
+        Self { path, torch, weave, stitch, pass: passes }
+    }
+}
+
+#[derive(Debug, Serialize)]
+struct SeamState {
+    id: usize,
+    on: bool,
+    reversed: bool,
+    /// What is said for it alone.
+    own: serde_json::Value,
+    settings: Settings,
+}
+
+impl Session {
+    pub(super) fn new(job: Job, workplace: Workplace) -> Arc<Self> {
+        let desk = Mutex::new(Desk { job, ..Desk::default() });
+        Arc::new(Self { workplace, desk, revision: watch::Sender::new(1) })
+    }
+
+    fn desk(&self) -> MutexGuard<'_, Desk> {
+        // What a thread that died left is a whole job and a whole plan: both are put in their place in one step.
+        self.desk.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Changes something, and tells the pages.
+    fn change<T>(&self, change: impl FnOnce(&mut Desk) -> T) -> T {
+        let done = change(&mut self.desk());
+        self.revision.send_modify(|revision| *revision += 1);
+        done
+    }
+
+    /// Sees every change from now on.
+    pub(super) fn changes(&self) -> watch::Receiver<u64> {
+        self.revision.subscribe()
+    }
+
+    /// One click. What is planned meanwhile goes on: it is the plan of the job before.
+    pub(super) fn edit(&self, edit: &Edit) -> Result<(), String> {
+        self.change(|desk| {
+            let found = desk.found.clone().ok_or("nothing is planned yet that could be edited")?;
+            let edited = edit.on(&desk.job, &found.plan)?;
+            if edited != desk.job {
+                let job = std::mem::replace(&mut desk.job, edited);
+                desk.undo.push(Step { job, words: edit.words() });
+                desk.redo.clear();
+                let many = desk.undo.len().saturating_sub(MOST_UNDONE);
+                desk.undo.drain(..many);
+            }
+            Ok(())
+        })
+    }
+
+    /// Takes the last edit back; nothing if there is none.
+    pub(super) fn undo(&self) {
+        self.change(|desk| {
+            let Some(Step { job, words }) = desk.undo.pop() else { return };
+            let job = std::mem::replace(&mut desk.job, job);
+            desk.redo.push(Step { job, words });
+        });
+    }
+
+    /// Makes the edit again that was taken back last; nothing if there is none.
+    pub(super) fn redo(&self) {
+        self.change(|desk| {
+            let Some(Step { job, words }) = desk.redo.pop() else { return };
+            let job = std::mem::replace(&mut desk.job, job);
+            desk.undo.push(Step { job, words });
+        });
+    }
+
+    /// Hands out the job to be planned; none if a plan is being made.
+    pub(super) fn begin(&self) -> Option<Begun> {
+        self.change(|desk| {
+            if desk.running.is_some() {
+                return None;
+            }
+            let stop = Arc::new(AtomicBool::new(false));
+            desk.running = Some(Running { stage: "scan", percent: 0, stop: Arc::clone(&stop) });
+            desk.failure = None;
+            Some(Begun { job: desk.job.clone(), found: desk.found.clone(), stop })
+        })
+    }
+
+    /// Gives the plan up that is being made; it ends with its present stage.
+    pub(super) fn cancel(&self) {
+        self.change(|desk| {
+            if let Some(running) = &desk.running {
+                running.stop.store(true, Ordering::SeqCst);
+            }
+        });
+    }
+
+    /// A stage of the plan has begun.
+    pub(super) fn stage(&self, stage: &'static str, usual_percent: u64) {
+        self.change(|desk| {
+            if let Some(running) = &mut desk.running {
+                // A finer scale begins some stages again: the bar does not go back.
+                (running.stage, running.percent) = (stage, running.percent.max(usual_percent));
+            }
+        });
+    }
+
+    /// What was found, from which edits can be planned without a new search.
+    pub(super) fn found(&self, found: &Arc<Found>) {
+        self.change(|desk| desk.found = Some(Arc::clone(found)));
+    }
+
+    /// The plan that was being made can be looked at.
+    pub(super) fn show(&self, shown: Shown) {
+        self.change(|desk| {
+            let number = desk.shown.as_ref().map_or(0, |shown| shown.number) + 1;
+            desk.shown = Some(Shown { number, ..shown });
+        });
+    }
+
+    /// The thread that plans has done, or could not.
+    pub(super) fn ended(&self, failure: Option<Told>) {
+        self.change(|desk| {
+            desk.running = None;
+            desk.failure = failure;
+        });
+    }
+
+    /// What the last plan left.
+    pub(super) fn shown(&self) -> Option<Shown> {
+        self.desk().shown.clone()
+    }
+
+    /// Whether nothing would be lost if the server ended.
+    pub(super) fn is_at_rest(&self) -> bool {
+        let desk = self.desk();
+        desk.running.is_none() && !desk.is_unplanned()
+    }
+
+    /// All that a page shows beside the report, as JSON.
+    pub(super) fn told(&self) -> String {
+        let desk = self.desk();
+        let Workplace { out, overwrite, allow_outside, .. } = &self.workplace;
+        let target = Target { out, overwrite: *overwrite, allow_outside: *allow_outside };
+        let told = Overview {
+            revision: *self.revision.borrow(),
+            plan: desk.shown.as_ref().map_or(0, |shown| shown.number),
+            running: desk.running.as_ref().map(|running| (running.stage, running.percent)),
+            failure: desk.failure.as_ref(),
+            unplanned: desk.is_unplanned(),
+            undo: desk.undo.last().map(|step| step.words.as_str()),
+            redo: desk.redo.last().map(|step| step.words.as_str()),
+            job: &desk.job,
+            settings: Settings::from(&desk.job.weld()),
+            seams: desk.seams(),
+            order: desk.order(),
+            command: command::command(&desk.job, target),
+            out: out.display().to_string(),
+            models: catalogue::NAMES,
+        };
+        // Strings, finite numbers and lists only: there is nothing serde_json could refuse.
+        serde_json::to_string(&told).unwrap_or_default()
+    }
+}
+
+impl Desk {
+    fn is_unplanned(&self) -> bool {
+        self.shown.as_ref().is_some_and(|shown| shown.job != self.job)
+    }
+
+    /// All seams: as the job lists them, or as the last plan welds them, the others behind by id.
+    fn order(&self) -> Vec<usize> {
+        let (Some(found), Some(shown)) = (&self.found, &self.shown) else { return Vec::new() };
+        let mut order = match self.job.order.sequence {
+            Sequence::Listed => postprocessing::listed(&found.plan, &self.job).unwrap_or_default(),
+            Sequence::Found => Vec::new(),
+            Sequence::Shortest => shown.order.clone(),
+        };
+        order.extend(found.plan.paths.iter().map(|path| path.seam));
+        let mut seen = BTreeSet::new();
+        order.retain(|id| seen.insert(*id));
+        order
+    }
+
+    fn seams(&self) -> Vec<SeamState> {
+        let (Some(found), Some(shown)) = (&self.found, &self.shown) else { return Vec::new() };
+        let plan = &found.plan;
+        let chosen = postprocessing::chosen(plan, &self.job).unwrap_or_default();
+        let of_all = self.job.weld();
+        let state = |id: usize| {
+            let named = |own: &&SeamSettings| selection::named(&plan.paths, own) == Ok(Some(id));
+            let own: Vec<_> = self.job.seams.iter().filter(named).collect();
+            let weld = own.iter().fold(of_all.clone(), |below, own| own.weld().on(&below));
+            SeamState {
+                id,
+                on: chosen.iter().any(|path| path.seam == id),
+                reversed: shown.reversed.contains(&id),
+                own: own.last().and_then(|own| serde_json::to_value(own).ok()).unwrap_or_default(),
+                settings: Settings::from(&weld),
+            }
+        };
+        plan.paths.iter().map(|path| state(path.seam)).collect()
+    }
+}

@@ -1,0 +1,575 @@
+//! `weldpath open`: what is edited in the page is what `weldpath plan --job` makes, and nobody else is let in.
+
+use std::io::{Read, Write};
+use std::net::TcpStream;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use serde_json::{Value, json};
+use weldpath::geometry::cloud::View;
+use weldpath::input;
+use weldpath::pipeline::{self, Observer, PlanError};
+use weldpath::run::job::Job;
+use weldpath_tests::command::{PATIENCE, Running, ends_well, weldpath};
+
+fn fixture(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().join("fixtures").join(name)
+}
+
+/// A page that is open, without a browser; its folder of results is `out` in `home`.
+struct Open {
+    _running: Running,
+    home: tempfile::TempDir,
+    port: u16,
+    token: String,
+}
+
+/// An answer: its status, its head and its body.
+struct Answer {
+    status: u16,
+    head: String,
+    body: String,
+}
+
+impl Open {
+    fn new(input: &Path) -> Self {
+        Self::with(tempfile::tempdir().unwrap(), input)
+    }
+
+    fn with(home: tempfile::TempDir, input: &Path) -> Self {
+        let mut running =
+            Running::start(weldpath().args(["open", "--no-browser"]).arg(input).current_dir(home.path()));
+        let address = running.wait_for(&["http://127.0.0.1:"]);
+        let mut parts = address.strip_prefix("http://127.0.0.1:").expect("the address alone").split('/');
+        let mut part = || parts.next().unwrap().to_owned();
+        let (port, token) = (part().parse().unwrap(), part());
+        Self { _running: running, home, port, token }
+    }
+
+    fn out(&self) -> PathBuf {
+        self.home.path().join("out")
+    }
+
+    fn connect(&self) -> TcpStream {
+        let stream = TcpStream::connect(("127.0.0.1", self.port)).expect("the server listens");
+        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        stream
+    }
+
+    /// Sends bytes as they are, and reads until the server closes.
+    fn raw(&self, request: &[u8]) -> Option<Answer> {
+        let mut stream = self.connect();
+        // A server that has refused already may have closed.
+        let _ = stream.write_all(request);
+        answer_of(&mut stream)
+    }
+
+    fn host(&self) -> String {
+        format!("127.0.0.1:{}", self.port)
+    }
+
+    fn get(&self, path: &str) -> Answer {
+        let request = format!("GET /{}/{path} HTTP/1.1\r\nHost: {}\r\n\r\n", self.token, self.host());
+        self.raw(request.as_bytes()).expect("an answer")
+    }
+
+    fn post(&self, path: &str, body: &str) -> Answer {
+        let (host, token, bytes) = (self.host(), &self.token, body.len());
+        let request = format!(
+            "POST /{token}/{path} HTTP/1.1\r\nHost: {host}\r\nOrigin: http://{host}\r\n\
+             Content-Type: application/json\r\nContent-Length: {bytes}\r\n\r\n{body}"
+        );
+        self.raw(request.as_bytes()).expect("an answer")
+    }
+
+    fn state(&self) -> Value {
+        serde_json::from_str(&self.get("state").body).unwrap()
+    }
+
+    /// Waits until no plan is being made and this many have been.
+    fn planned(&self, plans: u64) -> Value {
+        let end = Instant::now() + PATIENCE;
+        loop {
+            let state = self.state();
+            if state["running"].is_null() && state["plan"] == plans {
+                return state;
+            }
+            assert!(Instant::now() < end, "{state}");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
+    fn edit(&self, edit: Value) -> Value {
+        let answer = self.post("edit", &edit.to_string());
+        assert_eq!(answer.status, 200, "{edit}: {}", answer.body);
+        serde_json::from_str(&answer.body).unwrap()
+    }
+
+    /// The words with which an edit is refused.
+    fn refused(&self, edit: &Value) -> String {
+        let answer = self.post("edit", &edit.to_string());
+        assert_eq!(answer.status, 400, "{edit}: {}", answer.body);
+        answer.body
+    }
+
+    fn replan(&self) -> Value {
+        let plans = self.state()["plan"].as_u64().unwrap() + 1;
+        assert_eq!(self.post("plan", "{}").status, 200);
+        self.planned(plans)
+    }
+}
+
+fn answer_of(stream: &mut TcpStream) -> Option<Answer> {
+    let mut bytes = Vec::new();
+    // What was sent before a reset counts.
+    let _ = stream.read_to_end(&mut bytes);
+    let text = String::from_utf8_lossy(&bytes);
+    let (head, body) = text.split_once("\r\n\r\n")?;
+    let status = head.split(' ').nth(1)?.parse().ok()?;
+    Some(Answer { status, head: head.to_ascii_lowercase(), body: body.to_owned() })
+}
+
+/// A file of a run without what differs from run to run: times.
+fn lasting(folder: &Path, name: &str) -> Vec<u8> {
+    let bytes = std::fs::read(folder.join(name)).unwrap_or_else(|error| panic!("{name}: {error}"));
+    if name != "summary.json" {
+        return bytes;
+    }
+    let mut summary: Value = serde_json::from_slice(&bytes).unwrap();
+    summary["stages"] = Value::Null;
+    summary.to_string().into_bytes()
+}
+
+fn same_files(a: &Path, b: &Path) {
+    let names = [
+        "path.csv",
+        "path.json",
+        "path.script",
+        "weldpath.mod",
+        "model.ply",
+        "views.json",
+        "job.toml",
+        "summary.json",
+        "report.svg",
+    ];
+    for name in names {
+        assert!(lasting(a, name) == lasting(b, name), "{name} differs");
+    }
+}
+
+#[test]
+fn what_is_clicked_is_what_the_command_plans_from_the_job() {
+    let open = Open::new(&fixture("fillet"));
+    let first = open.planned(1);
+    assert_eq!((&first["unplanned"], &first["failure"]), (&false.into(), &Value::Null));
+    let ids: Vec<u64> =
+        first["seams"].as_array().unwrap().iter().map(|s| s["id"].as_u64().unwrap()).collect();
+    assert!(!ids.is_empty(), "{first}");
+    let seam = ids[0];
+    for (key, value) in [
+        ("path.direction", json!("reverse")),
+        ("path.extend_end_mm", json!(-12)),
+        ("weave.shape", json!("zigzag")),
+        ("torch.work_angle_deg", json!(7.5)),
+    ] {
+        open.edit(json!({ "edit": "set", "seam": seam, "key": key, "value": value }));
+    }
+    open.edit(json!({ "edit": "set", "seam": null, "key": "path.standoff_mm", "value": 12 }));
+    open.edit(json!({ "edit": "set", "seam": null, "key": "formats", "value": ["ur", "abb"] }));
+    let state = open.edit(json!({ "edit": "accept", "reason": "tool-not-stated", "on": true }));
+    assert_eq!(state["unplanned"], true);
+    let state = open.replan();
+    assert_eq!((&state["unplanned"], &state["failure"]), (&false.into(), &Value::Null), "{state}");
+    let plan = |arguments: &[&str]| {
+        ends_well(weldpath().arg("plan").args(arguments).arg("--quiet").current_dir(open.home.path()));
+    };
+    plan(&["--job", "out/job.toml", "--out", "again"]);
+    same_files(&open.out(), &open.home.path().join("again"));
+    let job = std::fs::read_to_string(open.out().join("job.toml")).unwrap();
+    for line in ["within_mm = 5.0", "shape = \"zigzag\"", "accept = [\"tool-not-stated\"]"] {
+        assert!(job.contains(line), "{line}: {job}");
+    }
+    assert!(job.contains("near_mm") && !job.contains("\nid ="), "{job}");
+
+    // The command that can be copied makes the same elsewhere.
+    let command = state["command"].as_str().unwrap();
+    let elsewhere = open.home.path().join("elsewhere");
+    let command = command.replace(open.out().to_str().unwrap(), elsewhere.to_str().unwrap());
+    let bin = Path::new(weldpath().get_program()).parent().unwrap().to_owned();
+    let path = format!("{}:{}", bin.display(), std::env::var("PATH").unwrap());
+    ends_well(std::process::Command::new("sh").args(["-c", &command]).env("PATH", path));
+    same_files(&open.out(), &elsewhere);
+}
+
+/// Four seams that meet nowhere but in one cross.
+fn cross() -> (tempfile::TempDir, PathBuf) {
+    let home = tempfile::tempdir().unwrap();
+    ends_well(
+        weldpath()
+            .args(["simulate", "--part", "cruciform", "--size", "320x240", "--out", "scan", "--quiet"])
+            .current_dir(home.path()),
+    );
+    let scan = home.path().join("scan");
+    (home, scan)
+}
+
+fn order_in(folder: &Path) -> Vec<u64> {
+    let csv = std::fs::read_to_string(folder.join("path.csv")).unwrap();
+    let mut order: Vec<u64> =
+        csv.lines().skip(1).map(|line| line.split(',').next().unwrap().parse().unwrap()).collect();
+    order.dedup();
+    order
+}
+
+#[test]
+fn seams_are_left_out_and_put_in_order_and_all_can_be_undone() {
+    let (home, scan) = cross();
+    let open = Open::with(home, &scan);
+    let first = open.planned(1);
+    let all: Vec<u64> = first["order"].as_array().unwrap().iter().map(|id| id.as_u64().unwrap()).collect();
+    assert!(all.len() >= 3, "{first}");
+    assert_eq!(order_in(&open.out()), all);
+    let mut turned = all.clone();
+    turned.reverse();
+    open.edit(json!({ "edit": "order", "seams": turned }));
+    open.edit(json!({ "edit": "weld", "seam": all[1], "on": false }));
+    open.replan();
+    let without: Vec<u64> = turned.iter().copied().filter(|id| *id != all[1]).collect();
+    assert_eq!(order_in(&open.out()), without);
+
+    // All seams cannot be left out, and what is refused changes nothing.
+    for id in &without[1..] {
+        open.edit(json!({ "edit": "weld", "seam": id, "on": false }));
+    }
+    let before = open.state();
+    let words = open.refused(&json!({ "edit": "weld", "seam": without[0], "on": false }));
+    assert!(words.contains("none is left"), "{words}");
+    assert_eq!(open.state()["job"], before["job"]);
+
+    let mut undone = 0;
+    while !open.state()["undo"].is_null() {
+        assert_eq!(open.post("undo", "{}").status, 200);
+        undone += 1;
+    }
+    assert_eq!(undone, 2 + without.len() - 1);
+    assert_eq!(open.state()["job"], first["job"]);
+    for _ in 0..undone {
+        assert_eq!(open.post("redo", "{}").status, 200);
+    }
+    assert_eq!(open.state()["job"], before["job"]);
+    assert_eq!(open.state()["redo"], Value::Null);
+}
+
+#[test]
+fn a_seam_that_a_box_or_a_list_left_out_can_be_taken_in() {
+    let (home, scan) = cross();
+    let job = home.path().join("some.toml");
+    std::fs::write(&job, format!("input = {:?}\n[selection]\nseams = [2]\n", scan.to_str().unwrap()))
+        .unwrap();
+    let open = Open::with(home, &job);
+    let on = |state: &Value| -> Vec<u64> {
+        let seams = state["seams"].as_array().unwrap().iter().filter(|seam| seam["on"] == true);
+        seams.map(|seam| seam["id"].as_u64().unwrap()).collect()
+    };
+    assert_eq!(on(&open.planned(1)), [2]);
+    assert_eq!(on(&open.edit(json!({ "edit": "weld", "seam": 1, "on": true }))), [1, 2]);
+    open.replan();
+    let mut order = order_in(&open.out());
+    order.sort_unstable();
+    assert_eq!(order, [1, 2]);
+}
+
+#[test]
+fn an_edit_of_how_seams_are_welded_searches_for_none_and_a_scan_that_changed_is_read_again() {
+    let (home, scan) = cross();
+    let open = Open::with(home, &scan);
+    open.planned(1);
+    let times = || {
+        let text = std::fs::read_to_string(open.out().join("summary.json")).unwrap();
+        serde_json::from_str::<Value>(&text).unwrap()["stages"].clone()
+    };
+    let searched = times();
+    let begun = Instant::now();
+    open.edit(json!({ "edit": "set", "seam": null, "key": "path.feed_mm_s", "value": 5 }));
+    open.replan();
+    let edited_s = begun.elapsed().as_secs_f64();
+    assert_eq!(times(), searched, "the search of before, to the microsecond");
+    let view = scan.join("view_000.png");
+    let bytes = std::fs::read(&view).unwrap();
+    std::thread::sleep(Duration::from_millis(20));
+    std::fs::write(&view, bytes).unwrap();
+    let begun = Instant::now();
+    open.replan();
+    assert_ne!(times(), searched);
+    println!("planned in {:.2} s, after an edit in {edited_s:.2} s", begun.elapsed().as_secs_f64());
+}
+
+#[test]
+fn an_edit_that_makes_no_job_is_refused_in_words() {
+    let open = Open::new(&fixture("butt-v"));
+    let before = open.planned(1);
+    let set = |seam: Value, key: &str, value: Value| json!({ "edit": "set", "seam": seam, "key": key, "value": value });
+    for (edit, words) in [
+        (set(Value::Null, "path.feed_mm_s", json!(900)), "too much: at most 250 mm/s"),
+        (set(Value::Null, "path.feed_mm_s", json!("fast")), "path.feed_mm_s: invalid type"),
+        (set(Value::Null, "path.points", json!(50)), ""),
+        (set(Value::Null, "path.fed_mm_s", json!(5)), "unknown field `fed_mm_s`"),
+        (set(Value::Null, "input", json!("/etc/passwd")), "\"input\" is nothing that this page sets"),
+        (set(Value::Null, "seam", json!([])), "\"seam\" is nothing that this page sets"),
+        (set(Value::Null, "accept.0", json!("units")), "is nothing that this page sets"),
+        (set(json!(1), "order.sequence", json!("found")), "is nothing that this page sets"),
+        (set(json!(99), "path.feed_mm_s", json!(5)), "there is no seam 99"),
+        (set(Value::Null, "robot.model", json!("r2d2")), "r2d2"),
+        (json!({ "edit": "order", "seams": [1, 1] }), "twice"),
+        (json!({ "edit": "order", "seams": [7] }), "there is no seam 7"),
+        (json!({ "edit": "accept", "reason": "all", "on": true }), "unknown variant"),
+        (json!({ "edit": "fly" }), "unknown variant"),
+        (json!({ "edit": "weld", "seam": 1, "on": true, "more": 1 }), "unknown field"),
+    ] {
+        if words.is_empty() {
+            // Two ways to say one thing: the second is refused.
+            open.edit(edit);
+            let spacing = set(Value::Null, "path.spacing_mm", json!(3));
+            assert!(open.refused(&spacing).contains("spacing_mm and points exclude each other"));
+            open.post("undo", "{}");
+            continue;
+        }
+        let said = open.refused(&edit);
+        assert!(said.contains(words), "{edit}: {said}");
+    }
+    assert_eq!(open.state()["job"], before["job"]);
+}
+
+#[test]
+fn without_the_token_from_another_host_or_from_another_page_nothing_is_told_or_done() {
+    let open = Open::new(&fixture("butt-v"));
+    let before = open.planned(1);
+    let (host, token) = (open.host(), open.token.clone());
+    let status = |request: String| {
+        open.raw(request.as_bytes()).map(|answer| {
+            assert!(!answer.body.contains("feed_mm_s"), "{}", answer.body);
+            answer.status
+        })
+    };
+    let get = |path: &str, host: &str, more: &str| {
+        status(format!("GET {path} HTTP/1.1\r\nHost: {host}\r\n{more}\r\n"))
+    };
+    for path in
+        ["/", "/state", "/schema", &format!("/{}/state", "0".repeat(32)), &format!("/{}/state", &token[1..])]
+    {
+        assert_eq!(get(path, &host, ""), Some(403), "{path}");
+    }
+    let state = format!("/{token}/state");
+    for foreign in ["evil.example", "evil.example:80", "127.0.0.1", "0.0.0.0:80", "[::1]:80"] {
+        assert_eq!(get(&state, foreign, ""), Some(421), "{foreign}");
+    }
+    assert_eq!(get(&state, &host, "Origin: http://evil.example\r\n"), Some(403));
+    assert_eq!(get(&state, &host, "Origin: null\r\n"), Some(403));
+    let body = "{\"edit\":\"accept\",\"reason\":\"units\",\"on\":true}";
+    let post = |head: &str, kind: &str| {
+        let bytes = body.len();
+        status(format!(
+            "POST /{token}/edit HTTP/1.1\r\nHost: {host}\r\n{head}Content-Type: {kind}\r\nContent-Length: {bytes}\r\n\r\n{body}"
+        ))
+    };
+    let own = format!("Origin: http://{host}\r\n");
+    assert_eq!(post("", "application/json"), Some(403), "a form of another page may come without an origin");
+    assert_eq!(post("Origin: http://evil.example\r\n", "application/json"), Some(403));
+    assert_eq!(post(&format!("{own}Sec-Fetch-Site: cross-site\r\n"), "application/json"), Some(403));
+    assert_eq!(post(&own, "text/plain"), Some(415), "what a form can send without asking");
+    for method in ["PUT", "DELETE", "OPTIONS", "PATCH", "TRACE"] {
+        let request =
+            format!("{method} /{token}/edit HTTP/1.1\r\nHost: {host}\r\n{own}Content-Length: 0\r\n\r\n");
+        assert_eq!(status(request), Some(405), "{method}");
+    }
+    assert_eq!(open.state()["job"], before["job"]);
+    // No answer may be read, framed or kept by others.
+    let head = open.get("").head;
+    for line in [
+        "x-frame-options: deny",
+        "cache-control: no-store",
+        "referrer-policy: no-referrer",
+        "cross-origin-resource-policy: same-origin",
+        "default-src 'none'; script-src 'nonce-",
+        "frame-ancestors 'none'",
+    ] {
+        assert!(head.contains(line), "{line}: {head}");
+    }
+    assert!(!head.contains("access-control-allow"), "{head}");
+}
+
+#[test]
+fn no_path_leads_to_a_file() {
+    let open = Open::new(&fixture("butt-v"));
+    open.planned(1);
+    for path in [
+        "../../../../etc/passwd",
+        "..%2f..%2f..%2fetc%2fpasswd",
+        "%2e%2e/%2e%2e/etc/passwd",
+        "/etc/passwd",
+        "..\\..\\etc\\passwd",
+        "job.toml",
+        "out/job.toml",
+        "./report.html",
+        "state/../job.toml",
+        "file:///etc/passwd",
+    ] {
+        let answer = open.get(path);
+        assert_eq!((answer.status, answer.body.as_str()), (404, "there is nothing here"), "{path}");
+        assert_eq!(open.post(path, "{}").status, 404, "{path}");
+    }
+}
+
+#[test]
+fn what_is_no_request_too_large_or_too_slow_is_refused_and_the_page_goes_on() {
+    let open = Open::new(&fixture("butt-v"));
+    let before = open.planned(1);
+    let (host, token) = (open.host(), &open.token);
+    let head = format!(
+        "POST /{token}/edit HTTP/1.1\r\nHost: {host}\r\nOrigin: http://{host}\r\nContent-Type: application/json\r\n"
+    );
+    for body in [
+        "",
+        "{",
+        "[]",
+        "nul",
+        "{\"edit\":\"weld\"}",
+        "\u{0}",
+        &"[".repeat(60_000),
+        "{\"edit\":\"set\",\"key\":1e999}",
+    ] {
+        assert_eq!(open.post("edit", body).status, 400, "{}", &body[..body.len().min(30)]);
+    }
+    let giant = "x".repeat(10 << 20);
+    // A server that closes on what is still being sent takes its answer with it.
+    let giant = format!("{head}Content-Length: {}\r\n\r\n{giant}", giant.len());
+    assert!(open.raw(giant.as_bytes()).is_none_or(|answer| answer.status == 413));
+    let said = format!("{head}Content-Length: 1000000000000\r\n\r\n");
+    assert_eq!(open.raw(said.as_bytes()).map(|answer| answer.status), Some(413), "before any of it is read");
+    let chunks = format!(
+        "{head}Transfer-Encoding: chunked\r\n\r\n{}",
+        "1000\r\n".to_owned() + &"x".repeat(4096) + "\r\n"
+    );
+    let chunk = &chunks[chunks.len() - 4104..].to_owned();
+    assert!(open.raw((chunks + &chunk.repeat(40)).as_bytes()).is_none_or(|answer| answer.status == 413));
+    let long = format!("GET /{token}/{} HTTP/1.1\r\nHost: {host}\r\n\r\n", "a".repeat(1 << 20));
+    assert!(open.raw(long.as_bytes()).is_none_or(|answer| [400, 404, 414, 431].contains(&answer.status)));
+    for noise in ["\r\n\r\n", "hello\r\n\r\n", "GET\r\n\r\n", "\u{16}\u{3}\u{1}", "GET / HTTP/9.9\r\n\r\n"] {
+        assert!(
+            open.raw(format!("{noise}\r\n\r\n").as_bytes()).is_none_or(|answer| answer.status >= 400),
+            "{noise:?}"
+        );
+    }
+
+    // A body that does not end, and a head that does not: both are given up after five seconds.
+    let begun = Instant::now();
+    let mut slow =
+        [format!("{head}Content-Length: 100\r\n\r\n{{"), format!("GET /{token}/state HTT")].map(|text| {
+            let mut stream = open.connect();
+            stream.write_all(text.as_bytes()).unwrap();
+            stream
+        });
+    let body = answer_of(&mut slow[0]).expect("an answer");
+    assert_eq!(body.status, 408);
+    assert!(answer_of(&mut slow[1]).is_none_or(|answer| answer.status == 408));
+    assert!(begun.elapsed() < Duration::from_secs(30), "{:?}", begun.elapsed());
+    assert_eq!(open.state()["job"], before["job"]);
+}
+
+#[test]
+fn two_hundred_connections_that_say_nothing_keep_nobody_out_for_long() {
+    let open = Open::new(&fixture("butt-v"));
+    open.planned(1);
+    let idle: Vec<TcpStream> = (0..200).map(|_| open.connect()).collect();
+    let begun = Instant::now();
+    let request = format!("GET /{}/state HTTP/1.1\r\nHost: {}\r\n\r\n", open.token, open.host());
+    while open.raw(request.as_bytes()).is_none() {
+        assert!(begun.elapsed() < Duration::from_secs(30), "still shut after {:?}", begun.elapsed());
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    assert_eq!(idle.len(), 200);
+}
+
+#[test]
+fn a_plan_that_is_given_up_changes_no_file_and_the_next_one_ends_well() {
+    let open = Open::new(&fixture("pipe"));
+    assert!(open.state()["running"].is_array());
+    assert_eq!(open.post("cancel", "{}").status, 200);
+    let given_up = open.planned(0);
+    assert!(given_up["failure"]["message"].as_str().unwrap().contains("given up"), "{given_up}");
+    assert!(!open.out().join("path.csv").exists());
+    assert!(open.get("").body.contains("id=\"editor\""), "a page from which one can plan again");
+    assert!(
+        open.refused(&json!({ "edit": "weld", "seam": 1, "on": false })).contains("nothing is planned yet")
+    );
+    let planned = open.replan();
+    assert_eq!(planned["failure"], Value::Null);
+    assert!(open.out().join("path.script").is_file());
+}
+
+#[test]
+fn a_folder_of_results_goes_on_with_its_job_and_files_of_ones_own_are_kept() {
+    let home = tempfile::tempdir().unwrap();
+    let scan = fixture("butt-v");
+    let scan = scan.to_str().unwrap();
+    ends_well(weldpath().args(["plan", scan, "--feed-mm-s", "6.5", "--quiet"]).current_dir(home.path()));
+    let open = Open::with(home, Path::new("out"));
+    let state = open.planned(1);
+    assert_eq!((&state["job"]["path"]["feed_mm_s"], &state["failure"]), (&6.5.into(), &Value::Null));
+
+    // A program that somebody has edited meanwhile is not replaced, and the page says so.
+    let program = open.out().join("path.script");
+    std::fs::write(&program, "mine").unwrap();
+    open.edit(json!({ "edit": "set", "seam": null, "key": "path.feed_mm_s", "value": 5 }));
+    assert_eq!(open.post("plan", "{}").status, 200);
+    let refused = open.planned(1);
+    assert!(refused["failure"]["message"].as_str().unwrap().contains("path.script"), "{refused}");
+    assert_eq!(
+        (std::fs::read_to_string(&program).unwrap().as_str(), &refused["unplanned"]),
+        ("mine", &true.into())
+    );
+}
+
+#[test]
+fn a_scan_without_a_seam_or_that_cannot_be_read_is_told_in_the_page() {
+    let open = Open::new(&fixture("plate"));
+    let state = open.planned(1);
+    assert!(state["failure"]["message"].as_str().unwrap().starts_with("no seam found"), "{state}");
+    assert!(open.get("").body.contains("weldpath-report"), "what was seen is shown");
+    let home = tempfile::tempdir().unwrap();
+    let broken = home.path().join("a.ply");
+    std::fs::write(&broken, "ply\nformat ascii 1.0\nelement vertex 3\n<img src=x>").unwrap();
+    let open = Open::with(home, &broken);
+    let state = open.planned(0);
+    assert!(state["failure"]["message"].as_str().unwrap().contains("a.ply"), "{state}");
+}
+
+/// Wants no more of the plan once this stage has begun.
+struct UntilStage {
+    last: &'static str,
+    begun: Vec<&'static str>,
+}
+
+impl Observer for UntilStage {
+    fn stage(&mut self, name: &'static str) {
+        self.begun.push(name);
+    }
+
+    fn is_done(&self) -> bool {
+        self.begun.contains(&self.last)
+    }
+}
+
+#[test]
+fn a_plan_ends_with_the_stage_at_which_it_is_given_up() {
+    let views: Vec<View> = input::read(&fixture("butt-v"), &input::Options::default()).unwrap().views;
+    let stages = ["normals", "reconstruction", "downsampling", "denoising", "seam"];
+    for (k, last) in stages.into_iter().enumerate() {
+        let mut until = UntilStage { last, begun: Vec::new() };
+        let planned = pipeline::plan(&views, &Job::default().pipeline(), &mut until);
+        assert_eq!(planned.err(), Some(PlanError::GivenUp), "{last}");
+        // Thinning and filtering are one step.
+        let most = if last == "downsampling" { k + 2 } else { k + 1 };
+        assert_eq!(until.begun, stages[..most], "{last}");
+    }
+}
