@@ -3,8 +3,13 @@
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::time::{Duration, Instant};
 
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
 use serde_json::{Value, json};
+
+use crate::command::PATIENCE;
 
 /// Names under which distributions install it.
 const NAMES: [&str; 3] = ["chromium", "chromium-browser", "google-chrome"];
@@ -55,6 +60,18 @@ impl Browser {
         let home = tempfile::tempdir().expect("a folder");
         let file = home.path().join("page.html");
         std::fs::write(&file, page).expect("the page is written");
+        Self::at(chromium, home, &format!("file://{}", file.display()))
+    }
+
+    /// Opens the page at an address and waits until it is loaded.
+    ///
+    /// # Panics
+    /// If the browser does not start.
+    pub fn visit(chromium: &Path, address: &str) -> Self {
+        Self::at(chromium, tempfile::tempdir().expect("a folder"), address)
+    }
+
+    fn at(chromium: &Path, home: tempfile::TempDir, address: &str) -> Self {
         let mut child = Command::new("sh")
             .args(["-c", START])
             .arg(chromium)
@@ -73,9 +90,8 @@ impl Browser {
         for domain in ["Runtime", "Log", "Page"] {
             browser.call(&format!("{domain}.enable"), json!({}));
         }
-        let size = json!({ "width": 1440, "height": 900, "deviceScaleFactor": 1, "mobile": false });
-        browser.call("Emulation.setDeviceMetricsOverride", size);
-        browser.call("Page.navigate", json!({ "url": format!("file://{}", file.display()) }));
+        browser.resize(1440, 900);
+        browser.call("Page.navigate", json!({ "url": address }));
         while !browser.events.iter().any(|event| event["method"] == "Page.loadEventFired") {
             let event = browser.read();
             browser.events.push(event);
@@ -91,6 +107,10 @@ impl Browser {
     }
 
     fn call(&mut self, method: &str, params: Value) -> Value {
+        self.answer(method, params).unwrap_or_else(|error| panic!("{method}: {error}"))
+    }
+
+    fn answer(&mut self, method: &str, params: Value) -> Result<Value, Value> {
         self.sent += 1;
         let mut message = json!({ "id": self.sent, "method": method, "params": params });
         if let Some(session) = &self.session {
@@ -100,8 +120,7 @@ impl Browser {
         loop {
             let mut answer = self.read();
             if answer["id"] == self.sent {
-                assert!(answer["error"].is_null(), "{method}: {answer}");
-                return answer["result"].take();
+                return if answer["error"].is_null() { Ok(answer["result"].take()) } else { Err(answer) };
             }
             self.events.push(answer);
         }
@@ -118,12 +137,70 @@ impl Browser {
         answer["result"]["value"].take()
     }
 
+    /// Waits until an expression is true in the page, which may be loaded anew meanwhile.
+    ///
+    /// # Panics
+    /// If it never is.
+    pub fn wait_for(&mut self, expression: &str) {
+        let end = Instant::now() + PATIENCE;
+        let params = json!({ "expression": format!("Boolean({expression})"), "returnByValue": true });
+        loop {
+            // Amid a load there is no page that could answer, and what it has not got yet throws.
+            let answer = self.answer("Runtime.evaluate", params.clone()).unwrap_or_default();
+            if answer["result"]["value"] == true {
+                return;
+            }
+            assert!(Instant::now() < end, "never: {expression}");
+            std::thread::sleep(Duration::from_millis(50));
+        }
+    }
+
+    /// Presses a key, as `p` or `Escape`; with the control key where it is asked for.
+    pub fn press(&mut self, key: &str, control: bool) {
+        let modifiers = if control { 2 } else { 0 };
+        let text = if key.len() == 1 && !control { key } else { "" };
+        let down = json!({ "type": "keyDown", "key": key, "text": text, "modifiers": modifiers });
+        self.call("Input.dispatchKeyEvent", down);
+        self.call("Input.dispatchKeyEvent", json!({ "type": "keyUp", "key": key, "modifiers": modifiers }));
+    }
+
+    /// Makes the window this large, px.
+    pub fn resize(&mut self, width: u32, height: u32) {
+        let size = json!({ "width": width, "height": height, "deviceScaleFactor": 1, "mobile": false });
+        self.call("Emulation.setDeviceMetricsOverride", size);
+    }
+
+    /// A picture of the whole page: PNG.
+    ///
+    /// # Panics
+    /// If the browser makes none.
+    pub fn screenshot(&mut self) -> Vec<u8> {
+        let picture = self.call("Page.captureScreenshot", json!({ "captureBeyondViewport": true }));
+        STANDARD.decode(picture["data"].as_str().expect("a picture")).expect("base64")
+    }
+
     /// Clicks with the mouse at a place of the window, px.
     pub fn click(&mut self, x: f64, y: f64) {
         for kind in ["mousePressed", "mouseReleased"] {
             let params = json!({ "type": kind, "x": x, "y": y, "button": "left", "clickCount": 1 });
             self.call("Input.dispatchMouseEvent", params);
         }
+    }
+
+    /// Drags with the mouse from one place of the window to another, px, over places between them.
+    pub fn drag(&mut self, from: [f64; 2], to: [f64; 2]) {
+        const STEPS: u32 = 5;
+        let mut mouse = |kind: &str, [x, y]: [f64; 2]| {
+            let params =
+                json!({ "type": kind, "x": x, "y": y, "button": "left", "buttons": 1, "clickCount": 1 });
+            self.call("Input.dispatchMouseEvent", params);
+        };
+        mouse("mousePressed", from);
+        for k in 1..=STEPS {
+            let share = f64::from(k) / f64::from(STEPS);
+            mouse("mouseMoved", [0, 1].map(|c| from[c] + share * (to[c] - from[c])));
+        }
+        mouse("mouseReleased", to);
     }
 
     /// Everything that page and browser have said on the console.

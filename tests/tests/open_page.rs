@@ -1,0 +1,290 @@
+//! `weldpath open` as its users see it: a browser in which seams are clicked, and the files that come of it.
+
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+use weldpath::report;
+use weldpath_tests::browser::{self, Browser};
+use weldpath_tests::command::{Running, ends_well, weldpath};
+
+fn web() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().join("host/src/report/web")
+}
+
+#[test]
+fn the_bundle_of_the_editor_is_built_from_the_sources_beside_it() {
+    let sum = std::process::Command::new("sh")
+        .args(["-c", "cat editor/src/*.js src/dom.js package-lock.json | cksum"])
+        .current_dir(web())
+        .output();
+    let sum = String::from_utf8(sum.expect("sh and cksum").stdout).unwrap().trim().replace(' ', "-");
+    let bundle = std::fs::read_to_string(web().join("dist/editor.js")).unwrap();
+    let banner = bundle.lines().next().unwrap();
+    assert!(banner.contains(&format!("sources {sum} ")), "{banner}: run host/src/report/web/build.sh");
+}
+
+#[test]
+fn the_page_that_edits_is_the_report_with_a_script_behind_it() {
+    let file = "<!doctype html>\n<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'\">\n\
+                <title>a</title>\n<script type=\"application/json\">{}</script>\n<script>report()</script>\n</body>\n";
+    let page = report::editable(file, "nonce", 7).unwrap();
+    assert!(!page.contains("http-equiv") && page.contains("<script nonce=\"nonce\">report()</script>"));
+    assert!(page.contains("data-plan=\"7\" id=\"editor\">") && page.ends_with("</body>\n"));
+    assert_eq!(page.matches("<script type=").count(), 1);
+    assert_eq!(report::editable("<p>no report</p>", "nonce", 1), None);
+    let waiting = report::waiting("nonce");
+    assert!(!waiting.contains("{{") && waiting.contains("nonce=\"nonce\" data-plan=\"0\" id=\"editor\""));
+}
+
+/// A cross of plates, planned in a page.
+struct Page {
+    _running: Running,
+    home: tempfile::TempDir,
+    browser: Browser,
+    plans: u32,
+}
+
+const READY: &str = "document.querySelector('#settings details') && document.getElementById('cancel').hidden";
+
+impl Page {
+    fn open(chromium: &Path, input: &str) -> Self {
+        let home = tempfile::tempdir().unwrap();
+        let scan = ["simulate", "--part", "cruciform", "--size", "320x240", "--quiet", "--out", input];
+        ends_well(weldpath().args(scan).current_dir(home.path()));
+        let mut running =
+            Running::start(weldpath().args(["open", input, "--no-browser"]).current_dir(home.path()));
+        let address = running.wait_for(&["http://127.0.0.1:"]);
+        let browser = Browser::visit(chromium, &address);
+        let mut page = Self { _running: running, home, browser, plans: 0 };
+        page.wait_for_plan();
+        page
+    }
+
+    /// Waits for the report of the next plan.
+    fn wait_for_plan(&mut self) {
+        self.plans += 1;
+        let number = self.plans;
+        self.browser
+            .wait_for(&format!("document.getElementById('editor').dataset.plan === '{number}' && {READY}"));
+    }
+
+    /// Waits until what was done is told.
+    fn settle(&mut self, expression: &str) {
+        self.browser.wait_for(expression);
+    }
+
+    fn text(&mut self, selector: &str) -> String {
+        let text = self.browser.evaluate(&format!("document.querySelector({selector:?}).textContent"));
+        text.as_str().unwrap().to_owned()
+    }
+
+    /// Sets a field as one types or chooses in it.
+    fn set(&mut self, key: &str, value: &str) {
+        self.browser.evaluate(&format!(
+            "(() => {{ const field = document.querySelector('#settings [data-key={key:?}]');
+               field.value = {value:?}; field.dispatchEvent(new Event('change')); }})()"
+        ));
+    }
+
+    /// Drags the end of a straight seam that is selected so far inwards along it, with the mouse.
+    fn drag_the_end(&mut self, seam: u64, inwards_mm: f64) {
+        self.browser.evaluate("document.getElementById('canvas').scrollIntoView({ block: 'center' })");
+        let places = self.browser.evaluate(&format!(
+            "(() => {{
+               const {{ scene, content }} = weldpath;
+               const Vector = scene.camera.position.constructor;
+               const line = content.seams.find((one) => one.id === {seam}).line_mm.map((p) => new Vector(...p));
+               const canvas = document.getElementById('canvas').getBoundingClientRect();
+               const handle = document.querySelector('[data-end=\"extend_end_mm\"]').getBoundingClientRect();
+               const at = [handle.left + handle.width / 2, handle.top + handle.height / 2];
+               const px = (p) => {{ const q = scene.project(p); return [canvas.left + q.x, canvas.top + q.y]; }};
+               const away = (p) => Math.hypot(px(p)[0] - at[0], px(p)[1] - at[1]);
+               const ends = [line[0], line[line.length - 1]].sort((a, b) => away(a) - away(b));
+               const to = ends[1].clone().sub(ends[0]).setLength({inwards_mm}).add(ends[0]);
+               return [...at, ...px(to)];
+             }})()"
+        ));
+        let [from, to] = [0, 2].map(|k| [k, k + 1].map(|k| places[k].as_f64().unwrap()));
+        self.browser.drag(from, to);
+    }
+
+    fn picture(&mut self, name: &str) {
+        let file = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("open-{name}.png"));
+        std::fs::write(file, self.browser.screenshot()).unwrap();
+    }
+
+    fn order(&self) -> Vec<u64> {
+        let csv = std::fs::read_to_string(self.home.path().join("out/path.csv")).unwrap();
+        let seam = |line: &str| line.split(',').next().unwrap().parse().unwrap();
+        let mut order: Vec<u64> = csv.lines().skip(1).map(seam).collect();
+        order.dedup();
+        order
+    }
+}
+
+/// First and last welded point of a seam.
+fn ends(folder: &Path, seam: u64) -> [[f64; 3]; 2] {
+    let csv = std::fs::read_to_string(folder.join("path.csv")).unwrap();
+    let rows: Vec<Vec<f64>> =
+        csv.lines().skip(1).map(|line| line.split(',').map(|v| v.parse().unwrap()).collect()).collect();
+    let own: Vec<&Vec<f64>> = rows.iter().filter(|row| row[0] as u64 == seam).collect();
+    [own[0], own[own.len() - 1]].map(|row| [row[3], row[4], row[5]])
+}
+
+fn apart_mm(a: [f64; 3], b: [f64; 3]) -> f64 {
+    (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt()
+}
+
+#[test]
+fn seams_are_left_out_reversed_put_in_order_and_woven_by_mouse_and_keys() {
+    let Some(chromium) = browser::chromium() else { return };
+    let mut page = Page::open(&chromium, "scan");
+    page.picture("light");
+    let first = page.order();
+    let [left_out, reversed, early] = [first[0], first[1], first[3]];
+    let before = ends(&page.home.path().join("out"), reversed);
+
+    // One seam by its box in the list, the others by keys.
+    page.browser
+        .evaluate(&format!("document.querySelector('#seams tr[data-seam=\"{left_out}\"] input').click()"));
+    page.settle(&format!("!document.querySelector('#seams tr[data-seam=\"{left_out}\"] input').checked && !document.getElementById('undo').disabled"));
+    assert!(page.text("#said").contains("Edited since the last plan"));
+    page.browser.evaluate(&format!("document.querySelector('#seams tr[data-seam=\"{early}\"]').click()"));
+    for _ in 0..2 {
+        let undo = page.browser.evaluate("document.getElementById('undo').title");
+        page.browser.press("[", false);
+        let place = format!("document.querySelector('#seams tr[data-seam=\"{early}\"] .place').textContent");
+        page.settle(&format!("document.getElementById('undo').title !== {undo} || {place} === '1'"));
+    }
+    page.settle(&format!(
+        "document.querySelector('#seams tr[data-seam=\"{early}\"] .place').textContent === '1'"
+    ));
+    page.browser.evaluate(&format!("document.querySelector('#seams tr[data-seam=\"{reversed}\"]').click()"));
+    page.browser.press("r", false);
+    page.settle("['reverse', 'forward'].includes(document.querySelector('#settings [data-key=\"path.direction\"]').value)");
+    page.set("weave.shape", "sine");
+    page.settle("document.querySelector('#settings [data-key=\"weave.shape\"]').closest('.field').classList.contains('said')");
+    page.set("weave.amplitude_mm", "99");
+    page.settle("!document.querySelector('#settings [data-group=\"weave\"] .refusal:not([hidden])').hidden");
+    let refusal = page.text("#settings [data-group='weave'] .refusal:not([hidden])");
+    assert!(refusal.contains("too much: at most 30 mm"), "{refusal}");
+    page.set("weave.amplitude_mm", "1.5");
+    page.settle("document.querySelector('#undo').title.includes('weave.amplitude_mm')");
+    page.drag_the_end(reversed, 12.0);
+    page.settle("document.querySelector('#undo').title.includes('path.extend_end_mm')");
+    let extended =
+        page.browser.evaluate("Number(document.querySelector('[data-key=\"path.extend_end_mm\"]').value)");
+    let short_mm = -extended.as_f64().unwrap();
+    assert!((short_mm - 12.0).abs() < 1.5, "dragged inwards by {short_mm} mm");
+    // A reason of the verdict is confirmed, taken back by a key, and confirmed again by another.
+    page.browser.evaluate("document.querySelector('#verdict [data-reason=\"tool-not-stated\"]').click()");
+    page.settle("document.querySelector('#undo').title.includes('accept tool-not-stated')");
+    page.browser.press("z", true);
+    page.settle("!document.querySelector('#verdict [data-reason=\"tool-not-stated\"]').checked");
+    page.browser.press("y", true);
+    page.settle("document.querySelector('#verdict [data-reason=\"tool-not-stated\"]').checked");
+    page.browser.press("j", false);
+    page.browser.evaluate("document.querySelector('#settings [data-key=\"formats.kuka\"]').click()");
+    page.settle("document.querySelector('#undo').title.includes('formats')");
+
+    // A reload loses nothing, and the plan is that of the job.
+    let job = page.browser.evaluate("document.querySelector('#command pre').textContent");
+    page.browser.evaluate("location.reload()");
+    page.settle(&format!("document.querySelector('#command pre').textContent === {job}"));
+    page.browser.press("p", false);
+    page.wait_for_plan();
+    assert!(page.text("#verdict .accepted").contains("tool-not-stated"));
+    let order = page.order();
+    assert_eq!(order[0], early);
+    assert!(!order.contains(&left_out) && order.len() + 1 == first.len(), "{order:?} of {first:?}");
+    let after = ends(&page.home.path().join("out"), reversed);
+    // Both ends, within the amplitude of the weave.
+    let moved_mm = [apart_mm(before[1], after[0]), apart_mm(before[0], after[1])];
+    assert!(moved_mm[0] < 3.0 && (moved_mm[1] - short_mm).abs() < 3.0, "{before:?} {after:?}");
+    for (size, theme, name) in [((1440, 900), "dark", "dark"), ((390, 844), "light", "phone")] {
+        page.browser.resize(size.0, size.1);
+        page.browser.evaluate(&format!("document.documentElement.dataset.theme = '{theme}'"));
+        page.picture(name);
+    }
+    // What is beside a phone's window cannot be reached by a thumb.
+    let beyond = page.browser.evaluate("document.documentElement.scrollWidth - innerWidth");
+    assert!(beyond.as_f64().is_some_and(|px| px <= 0.0), "{beyond} px beyond the window");
+
+    ends_well(
+        weldpath()
+            .args(["plan", "--job", "out/job.toml", "--out", "again", "--quiet"])
+            .current_dir(page.home.path()),
+    );
+    for name in [
+        "path.csv",
+        "path.json",
+        "path.script",
+        "weldpath.src",
+        "weldpath.dat",
+        "job.toml",
+        "model.ply",
+        "report.svg",
+    ] {
+        let of = |folder: &str| std::fs::read(page.home.path().join(folder).join(name)).unwrap();
+        assert!(of("out") == of("again"), "{name} differs");
+    }
+    let said: Vec<_> = page
+        .browser
+        .console()
+        .into_iter()
+        .filter(|line| !line.to_string().contains("400 (Bad Request)"))
+        .collect();
+    assert!(said.is_empty(), "{said:?}");
+}
+
+#[test]
+fn every_control_has_a_name_every_key_of_the_job_a_field_and_no_text_becomes_markup() {
+    let Some(chromium) = browser::chromium() else { return };
+    let mut page = Page::open(&chromium, "<img src=x onerror=alert(1)>&amp;");
+    assert_eq!(
+        page.browser
+            .evaluate("document.title.includes('<img src=x') && document.querySelectorAll('img').length"),
+        0
+    );
+    let mut keys = Vec::new();
+    for scope in ["scope-seam", "scope-job"] {
+        page.browser.evaluate(&format!("document.getElementById({scope:?}).click()"));
+        page.settle(&format!("document.getElementById({scope:?}).getAttribute('aria-pressed') === 'true'"));
+        let unnamed = page.browser.evaluate(
+            "[...document.querySelectorAll('button, input, select')].filter((e) => !e.hidden && !(e.textContent.trim() && e.tagName === 'BUTTON'
+               || e.getAttribute('aria-label') || e.closest('label')?.textContent.trim() || (e.id && document.querySelector(`label[for=\"${e.id}\"]`)))).map((e) => e.outerHTML)",
+        );
+        assert_eq!(unnamed, Value::Array(Vec::new()));
+        let own = page
+            .browser
+            .evaluate("[...document.querySelectorAll('#settings [data-key]')].map((e) => e.dataset.key)");
+        keys.push(
+            own.as_array().unwrap().iter().map(|key| key.as_str().unwrap().to_owned()).collect::<Vec<_>>(),
+        );
+    }
+    let schema: Value = serde_json::from_str(&weldpath::run::job::Job::schema()).unwrap();
+    let of_type = |name: &str| {
+        schema["$defs"][name]["properties"].as_object().unwrap().keys().cloned().collect::<Vec<_>>()
+    };
+    for (table, name, of_seam) in [
+        ("path", "PathSettings", true),
+        ("torch", "TorchSettings", true),
+        ("weave", "WeaveSettings", true),
+        ("stitch", "StitchSettings", true),
+        ("order", "OrderSettings", false),
+        ("arc", "ArcSettings", false),
+        ("tool", "ToolSettings", false),
+        ("program", "ProgramSettings", false),
+        ("torch_body", "TorchBodySettings", false),
+    ] {
+        for key in of_type(name) {
+            let key = format!("{table}.{key}");
+            assert!(keys[1].contains(&key), "{key} has no field for the whole job");
+            assert!(!of_seam || keys[0].contains(&key), "{key} has no field for a seam");
+        }
+    }
+    // The command that is shown names the folder as it is, and is text.
+    let command = page.text("#command pre");
+    assert!(command.contains("<img src=x onerror=alert(1)>&amp;"), "{command}");
+    assert!(page.browser.console().is_empty(), "{:?}", page.browser.console());
+}
