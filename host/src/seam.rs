@@ -98,6 +98,8 @@ pub struct Seam {
     /// Expected RMSE across the seam relative to the views that saw it, mm: how well it is known on the part, wherever the part
     /// may be.
     pub relative_error_mm: f64,
+    /// The part of it, one standard deviation, that comes from a corner which the camera rounds or fills, or which has a radius, mm.
+    pub corner_error_mm: f64,
     /// One standard deviation of the position across the seam in the robot's base frame, both axes together, mm: the error
     /// within the scan, and that of the frame. Not a number where nothing is known of the frame.
     pub base_error_mm: f64,

@@ -120,6 +120,7 @@ fn seam(path: &SeamPath) -> Seam {
         confidence: 0.9,
         expected_error_mm: 0.05,
         relative_error_mm: 0.05,
+        corner_error_mm: 0.0,
         expected_error_deg: 0.4,
         base_error_mm: 0.3,
         base_error_deg: 0.5,

@@ -8,7 +8,7 @@ use std::path::Path;
 use nalgebra::Point3;
 use weldpath::input;
 use weldpath::lab::evaluation::{Options, PathSet, Score, Truth, score};
-use weldpath::lab::simulation::{Format, MeshRequest, Request, simulate, simulate_mesh, write};
+use weldpath::lab::simulation::{Format, MeshRequest, Request, SensorErrors, simulate, simulate_mesh, write};
 use weldpath::output::verdict::ReasonId;
 use weldpath::pipeline::{self, Plan};
 use weldpath::run::job::Job;
@@ -212,6 +212,7 @@ fn both_sides_and_the_ends_of_ribs_are_found_at_working_distance() {
             distance_mm: None,
             format: Format::Png,
             cell: None,
+            sensor: SensorErrors::default(),
         };
         let scratch = tempfile::tempdir().expect("a folder");
         write(&simulate_mesh(&request).expect("a scan"), scratch.path()).expect("a folder");

@@ -6,7 +6,7 @@ use std::str::FromStr;
 use weldpath::input;
 use weldpath::lab::simulation;
 use weldpath::lab::simulation::{
-    CellErrors, Error, Format, ListedWeld, MeshRequest, Noise, Part, Pose, Request,
+    CellErrors, Error, Format, ListedWeld, MeshRequest, Noise, Part, Pose, Request, Sensor, SensorErrors,
 };
 
 use super::folder::{Folder, FolderArgs};
@@ -64,6 +64,8 @@ pub(super) struct Args {
     weak: bool,
     #[command(flatten)]
     cell: CellArgs,
+    #[command(flatten)]
+    sensor: SensorArgs,
     /// Print nothing but errors
     #[arg(long, short)]
     quiet: bool,
@@ -84,6 +86,82 @@ struct CellArgs {
     /// The same of its orientations
     #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
     robot_deg: Option<f64>,
+    /// The camera of the first view is exactly where its pose says, all the same
+    #[arg(long)]
+    first_exact: bool,
+}
+
+/// Errors that are alike in every image; each option changes one of the sensor's own.
+#[derive(Debug, Clone, Copy, clap::Args)]
+#[command(next_help_heading = "Camera errors")]
+struct SensorArgs {
+    /// ideal, structured-light, stereo or tof
+    #[arg(long, default_value_t = Sensor::Ideal)]
+    sensor: Sensor,
+    /// A matcher averages over so many pixels each way: rounds corners
+    #[arg(long, value_name = "PX", value_parser = whole::<u32>, allow_negative_numbers = true)]
+    window_px: Option<u32>,
+    /// Near surfaces cover so many pixels of what is behind their edges
+    #[arg(long, value_name = "PX", value_parser = whole::<u32>, allow_negative_numbers = true)]
+    fattening_px: Option<u32>,
+    /// Share of silhouette pixels that fly between near and far
+    #[arg(long, value_name = "SHARE", allow_negative_numbers = true)]
+    flying: Option<f64>,
+    /// Noise is correlated over about so many pixels
+    #[arg(long, value_name = "PX", allow_negative_numbers = true)]
+    correlated_px: Option<f64>,
+    /// Disparities come in such steps
+    #[arg(long, value_name = "PX", allow_negative_numbers = true)]
+    disparity_step_px: Option<f64>,
+    /// Depths come in such steps
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
+    depth_step_mm: Option<f64>,
+    /// Light between faces brings the root of a corner nearer by this, falling off over 5 mm; negative: farther
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
+    interreflection_mm: Option<f64>,
+    /// Faces seen within this angle of their normal shine and give no reading
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
+    specular_deg: Option<f64>,
+    /// Angle from a face's normal at which half of the readings are lost
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
+    grazing_deg: Option<f64>,
+    /// Amplitude of bands across the image
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
+    stripes_mm: Option<f64>,
+    /// Depths are too large by this
+    #[arg(long, value_name = "PERCENT", allow_negative_numbers = true)]
+    depth_scale_percent: Option<f64>,
+    /// The focal length is larger than scan.json says by this
+    #[arg(long, value_name = "PERCENT", allow_negative_numbers = true)]
+    focal_percent: Option<f64>,
+    /// The optical axis is this far from where scan.json says, pixels at a width of 640
+    #[arg(long, value_name = "PX", allow_negative_numbers = true)]
+    centre_px: Option<f64>,
+    /// Radial distortion that scan.json does not say
+    #[arg(long, value_name = "K1", allow_negative_numbers = true)]
+    k1: Option<f64>,
+}
+
+impl SensorArgs {
+    fn errors(self) -> SensorErrors {
+        let own = self.sensor.errors();
+        SensorErrors {
+            window_px: self.window_px.unwrap_or(own.window_px),
+            fattening_px: self.fattening_px.unwrap_or(own.fattening_px),
+            flying: self.flying.or(own.flying),
+            correlated_px: self.correlated_px.or(own.correlated_px),
+            disparity_step_px: self.disparity_step_px.or(own.disparity_step_px),
+            depth_step_mm: self.depth_step_mm.unwrap_or(own.depth_step_mm),
+            interreflection_mm: self.interreflection_mm.unwrap_or(own.interreflection_mm),
+            specular_deg: self.specular_deg.unwrap_or(own.specular_deg),
+            grazing_deg: self.grazing_deg.or(own.grazing_deg),
+            stripes_mm: self.stripes_mm.unwrap_or(own.stripes_mm),
+            depth_scale_percent: self.depth_scale_percent.unwrap_or(own.depth_scale_percent),
+            focal_percent: self.focal_percent.unwrap_or(own.focal_percent),
+            centre_px: self.centre_px.unwrap_or(own.centre_px),
+            k1: self.k1.unwrap_or(own.k1),
+        }
+    }
 }
 
 impl CellArgs {
@@ -91,7 +169,8 @@ impl CellArgs {
         let given = [self.hand_eye_mm, self.hand_eye_deg, self.robot_mm, self.robot_deg];
         let [hand_eye_mm, hand_eye_deg, robot_mm, robot_deg] = given.map(Option::unwrap_or_default);
         let any = given.iter().any(Option::is_some);
-        any.then_some(CellErrors { hand_eye_mm, hand_eye_deg, robot_mm, robot_deg })
+        let first_exact = self.first_exact;
+        any.then_some(CellErrors { hand_eye_mm, hand_eye_deg, robot_mm, robot_deg, first_exact })
     }
 }
 
@@ -140,6 +219,7 @@ fn request(args: &Args, part: Part) -> Request {
         length_mm: args.length_mm,
         root_opening_mm: args.root_opening_mm,
         cell: args.cell.errors(),
+        sensor: args.sensor.errors(),
     }
 }
 
@@ -167,6 +247,7 @@ fn of_mesh(args: &Args, mesh: &Path) -> Result<MeshRequest, Failure> {
         distance_mm: args.distance_mm,
         format: args.format,
         cell: args.cell.errors(),
+        sensor: args.sensor.errors(),
     })
 }
 

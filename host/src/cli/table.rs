@@ -144,6 +144,7 @@ mod tests {
             confidence: 0.934,
             expected_error_mm: 0.08,
             relative_error_mm: 0.08,
+            corner_error_mm: 0.0,
             expected_error_deg: 0.5,
             base_error_mm: 0.6,
             base_error_deg: 0.7,

@@ -16,17 +16,20 @@ mod random;
 mod request;
 mod rotation;
 mod scene;
+mod sensor;
 mod solid;
 mod truth;
 mod workpiece;
 
 pub use camera::{Camera, DepthImage, RANGE_MM};
+pub use capture::Imaging;
 pub use files::{files, write};
 pub use mesh::{ListedWeld, MeshRequest, mesh_truth, simulate_mesh};
 pub use noise::Noise;
 pub use request::{CellErrors, Error, Format, Part, Pose, Request};
 pub use rotation::UrPose;
 pub use scene::Scene;
+pub use sensor::{REACH_MM, Sensor, SensorErrors};
 pub use solid::Hit;
 
 use crate::lab::evaluation::Truth;
@@ -113,6 +116,7 @@ fn recorded(
         noise: request.noise,
         size_px: [request.width, request.height],
         poses: placement::PoseErrors::of(request.cell, request.noise, [1.0, 3.0], [0.3, 1.0]),
+        sensor: request.sensor,
     };
     recording.of(scene, base_from_camera, truth, request.format)
 }
@@ -125,6 +129,7 @@ struct Recording<'a> {
     noise: Noise,
     size_px: [u32; 2],
     poses: placement::PoseErrors,
+    sensor: SensorErrors,
 }
 
 impl Recording<'_> {
@@ -136,10 +141,12 @@ impl Recording<'_> {
         format: Format,
     ) -> Simulated {
         let camera = Camera::with_size(self.size_px[0], self.size_px[1]);
+        let taking = self.sensor.true_camera(&camera, self.seed);
+        let imaging = Imaging { noise: self.noise, errors: self.sensor };
         let seed = random::Stream::new(self.seed, self.name, 2).next();
         let poses = random::Stream::new(self.seed, self.name, 3);
         let view = |(i, pose): (usize, &Isometry3<f64>)| SimulatedView {
-            image: camera.capture(scene, pose, self.noise, seed, i as u64),
+            image: taking.capture(scene, pose, &imaging, seed, i as u64),
             base_from_flange: self.poses.reported(pose, &poses, i),
         };
         let views = base_from_camera.iter().enumerate().map(view).collect();

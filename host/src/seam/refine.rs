@@ -16,6 +16,7 @@ pub mod layers;
 pub mod overlap;
 mod path;
 mod reach;
+mod rounding;
 pub mod rounds;
 mod sections;
 pub mod smooth;
@@ -87,6 +88,9 @@ pub struct Refined {
     pub tilt_rad: f64,
     /// Distance that points of each face reach from the seam, mm.
     pub reach_mm: [f32; 2],
+    /// Standard deviation of each face's height at the root because something lifts its points there: a camera that rounds or
+    /// fills corners, or a radius, mm.
+    pub lift_unknown_mm: [f64; 2],
     /// Length of the window of a station, mm.
     pub window_mm: f32,
     /// Effective number of free parameters of the smoothed curve, per coordinate.

@@ -4,7 +4,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-/// Pinhole camera without distortion.
+/// Pinhole camera, with radial distortion where it has any.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Camera {
     /// Columns.
@@ -17,6 +17,8 @@ pub struct Camera {
     pub centre_px: [f64; 2],
     /// Millimetres per count of the depth image.
     pub depth_scale_mm: f64,
+    /// First radial coefficient of Brown-Conrady.
+    pub k1: f64,
 }
 
 /// Nearest and farthest depth the camera reports, mm.
@@ -52,6 +54,7 @@ impl Camera {
             focal_px: f64::from(width) * ratio,
             centre_px: [0.5 * (f64::from(width) - 1.0), 0.5 * (f64::from(height) - 1.0)],
             depth_scale_mm: 0.05,
+            k1: 0.0,
         }
     }
 
@@ -59,13 +62,22 @@ impl Camera {
     pub fn ray(&self, column_px: f64, row_px: f64) -> Vector3<f64> {
         let x = (column_px - self.centre_px[0]) / self.focal_px;
         let y = (row_px - self.centre_px[1]) / self.focal_px;
-        Vector3::new(x, y, 1.0)
+        let straight = self.straightening(x * x + y * y);
+        Vector3::new(x * straight, y * straight, 1.0)
+    }
+
+    /// What a distorted place in the image, at this squared distance from the axis, is to be multiplied by.
+    fn straightening(&self, squared: f64) -> f64 {
+        let step = |scale: f64| 1.0 / (1.0 + self.k1 * squared * scale * scale);
+        // Each step divides what is left by more than 1 / (2 k1 r^2), which is 3 for the strongest lens that may be asked for.
+        if self.k1 == 0.0 { 1.0 } else { (0..30).fold(1.0, |scale, _| step(scale)) }
     }
 
     /// Column and row of a point in the camera frame, if it is in the image.
     pub fn project(&self, point_mm: &Point3<f64>) -> Option<[f64; 2]> {
-        let column = self.focal_px * point_mm.x / point_mm.z + self.centre_px[0];
-        let row = self.focal_px * point_mm.y / point_mm.z + self.centre_px[1];
+        let (x, y) = (point_mm.x / point_mm.z, point_mm.y / point_mm.z);
+        let bent = self.focal_px * (1.0 + self.k1 * (x * x + y * y));
+        let (column, row) = (bent * x + self.centre_px[0], bent * y + self.centre_px[1]);
         let inside = point_mm.z > 0.0
             && (0.0..f64::from(self.width)).contains(&column)
             && (0.0..f64::from(self.height)).contains(&row);
@@ -104,7 +116,7 @@ mod tests {
     #[test]
     fn a_camera_without_noise_sees_a_table_at_its_height() {
         let camera = Camera::with_size(64, 48);
-        let image = camera.capture(&table(40.0), &looking_down(440.0), Noise::None, 1, 0);
+        let image = camera.capture(&table(40.0), &looking_down(440.0), &Noise::None.into(), 1, 0);
         assert_eq!(image.counts, vec![8000; 64 * 48]);
         for point in image.points_mm(&camera) {
             assert!(((looking_down(440.0) * point).z - 40.0).abs() < 1e-9);
@@ -115,7 +127,7 @@ mod tests {
     fn noise_grows_with_the_square_of_the_depth() {
         let camera = Camera::with_size(320, 240);
         let spread_mm = |depth_mm: f64| {
-            let image = camera.capture(&table(0.0), &looking_down(depth_mm), Noise::Mid, 3, 0);
+            let image = camera.capture(&table(0.0), &looking_down(depth_mm), &Noise::Mid.into(), 3, 0);
             let near = |c: &&u16| (f64::from(**c) * 0.05 - depth_mm).abs() < 5.0;
             let errors: Vec<f64> =
                 image.counts.iter().filter(near).map(|c| f64::from(*c) * 0.05 - depth_mm).collect();
@@ -130,7 +142,7 @@ mod tests {
     #[test]
     fn beyond_the_range_there_is_no_reading() {
         let camera = Camera::with_size(64, 48);
-        let image = camera.capture(&table(0.0), &looking_down(1000.0), Noise::None, 1, 0);
+        let image = camera.capture(&table(0.0), &looking_down(1000.0), &Noise::None.into(), 1, 0);
         assert!(image.counts.iter().all(|c| *c == 0));
     }
 }

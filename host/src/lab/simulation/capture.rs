@@ -4,8 +4,24 @@ use super::camera::{Camera, DepthImage, Seen};
 use super::noise::{self, Noise};
 use super::random::Stream;
 use super::scene::Scene;
+use super::sensor::{self, SensorErrors};
 use nalgebra::{Isometry3, Point3};
 use rayon::prelude::*;
+
+/// What a camera adds to what there is to see.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Imaging {
+    /// What differs from image to image.
+    pub noise: Noise,
+    /// What does not.
+    pub errors: SensorErrors,
+}
+
+impl From<Noise> for Imaging {
+    fn from(noise: Noise) -> Self {
+        Self { noise, errors: SensorErrors::default() }
+    }
+}
 
 impl Camera {
     /// One depth image of `scene` from `base_from_camera`. The same seed and view give the same image.
@@ -13,18 +29,26 @@ impl Camera {
         &self,
         scene: &Scene,
         base_from_camera: &Isometry3<f64>,
-        noise: Noise,
+        imaging: &Imaging,
         seed: u64,
         view: u64,
     ) -> DepthImage {
-        let seen = self.look(scene, base_from_camera, noise, &Stream::new(seed, "jitter", view));
-        noise::image(self, &seen, noise, seed, view)
+        let seen = self.look(scene, base_from_camera, imaging, &Stream::new(seed, "jitter", view));
+        let seen = imaging.errors.matched(seen, self.width as usize);
+        noise::image(self, &seen, imaging, seed, view)
     }
 
     /// First surfaces, each along a line of sight that is off by the lateral jitter of the sensor.
-    fn look(&self, scene: &Scene, pose: &Isometry3<f64>, noise: Noise, jitter: &Stream) -> Vec<Option<Seen>> {
+    fn look(
+        &self,
+        scene: &Scene,
+        pose: &Isometry3<f64>,
+        imaging: &Imaging,
+        jitter: &Stream,
+    ) -> Vec<Option<Seen>> {
         let origin = Point3::from(pose.translation.vector);
-        let jitter_px = noise.model().jitter_rad * self.focal_px;
+        let jitter_px = imaging.noise.model().jitter_rad * self.focal_px;
+        let filled_mm = imaging.errors.interreflection_mm;
         let width = self.width as usize;
         let pixel = |i: usize| {
             let mut random = jitter.at(i as u64);
@@ -33,7 +57,12 @@ impl Camera {
             let direction = pose.rotation * self.ray(column, row);
             let hit = scene.cast(origin, direction)?;
             let incidence = -hit.normal.dot(&direction) / direction.norm();
-            Some(Seen { depth_mm: hit.distance, incidence })
+            let lit = if filled_mm == 0.0 {
+                0.0
+            } else {
+                sensor::lit_by_others(scene, origin + direction * hit.distance, &hit.normal)
+            };
+            Some(Seen { depth_mm: hit.distance - filled_mm * lit, incidence })
         };
         (0..width * self.height as usize).into_par_iter().map(pixel).collect()
     }

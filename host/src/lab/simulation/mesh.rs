@@ -15,6 +15,7 @@ use super::random::Stream;
 use super::request::within;
 use super::rotation::{UrPose, about, sin_cos_deg};
 use super::scene::{Body, Scene};
+use super::sensor::SensorErrors;
 use super::workpiece::{TrueSeam, TrueStation};
 use super::{CellErrors, Error, Format, Noise, Recording, Simulated, truth};
 use crate::lab::evaluation::Truth;
@@ -43,6 +44,8 @@ pub struct MeshRequest {
     pub format: Format,
     /// How the cell errs; if not given, the first pose is exact and the others are off by 0.5 to 2 mm.
     pub cell: Option<CellErrors>,
+    /// What the camera does wrong beside its noise.
+    pub sensor: SensorErrors,
 }
 
 /// Usual distance of the cameras, as a share of the diagonal of the part's plan, and its bounds: a camera of 56 degrees
@@ -83,6 +86,7 @@ pub fn simulate_mesh(request: &MeshRequest) -> Result<Simulated, Error> {
         noise: request.noise,
         size_px: request.size_px,
         poses: PoseErrors::of(request.cell, request.noise, SHIFT_MM, TURN_DEG),
+        sensor: request.sensor,
     };
     Ok(recording.of(&scene, &cameras, truth, request.format))
 }
@@ -132,6 +136,7 @@ impl MeshRequest {
         within("width", f64::from(self.size_px[0]), 16.0, 4096.0)?;
         within("height", f64::from(self.size_px[1]), 16.0, 4096.0)?;
         self.cell.map_or(Ok(()), |cell| cell.check())?;
+        self.sensor.check()?;
         self.distance_mm.map_or(Ok(()), |mm| within("distance", mm, RANGE_MM[0], RANGE_MM[1]))
     }
 

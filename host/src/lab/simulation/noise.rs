@@ -5,7 +5,10 @@
 //! silhouettes, disparity steps, dropouts (single, grazing, small holes), outliers, range.
 
 use super::camera::{Camera, DepthImage, RANGE_MM, Seen};
+use super::capture::Imaging;
 use super::random::Stream;
+use super::rotation::sin_cos_deg;
+use super::sensor::SensorErrors;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -34,6 +37,12 @@ pub(super) struct Model {
     blur_px: f64,
     /// One disparity step, pixels at a focal length of 600.
     disparity_px: f64,
+    /// Share of silhouette pixels that fly between the near and the far surface.
+    flying: f64,
+    /// Cosine of incidence at which half of the pixels are lost.
+    grazing: f64,
+    /// Cosine of incidence beyond which a face shines and all are lost.
+    shining: f64,
 }
 
 /// Distance at which [`Model::sigma_mm`] holds, mm.
@@ -60,6 +69,9 @@ impl Noise {
             jitter_rad: jitter_px / 600.0,
             blur_px,
             disparity_px: 1.0 / steps_per_px,
+            flying: FLYING,
+            grazing: GRAZING,
+            shining: f64::INFINITY,
         };
         match self {
             Self::None => model(0.0, 0.0, 1.0, f64::INFINITY),
@@ -70,20 +82,37 @@ impl Noise {
     }
 }
 
+impl Model {
+    /// The same with what a sensor has of its own.
+    fn with(self, errors: &SensorErrors) -> Self {
+        let cosine = |deg: f64| sin_cos_deg(deg).1;
+        Self {
+            blur_px: errors.correlated_px.unwrap_or(self.blur_px),
+            disparity_px: errors.disparity_step_px.unwrap_or(self.disparity_px),
+            flying: errors.flying.unwrap_or(self.flying),
+            grazing: errors.grazing_deg.map_or(self.grazing, cosine),
+            shining: if errors.specular_deg > 0.0 { cosine(errors.specular_deg) } else { self.shining },
+            ..self
+        }
+    }
+}
+
 /// The depth image of what was seen.
 pub(super) fn image(
     camera: &Camera,
     seen: &[Option<Seen>],
-    noise: Noise,
+    imaging: &Imaging,
     seed: u64,
     view: u64,
 ) -> DepthImage {
     let width = camera.width as usize;
-    let depth: Vec<f64> = match noise {
+    let errors = &imaging.errors;
+    let depth: Vec<f64> = match imaging.noise {
         Noise::None => seen.iter().map(|s| s.map_or(0.0, |s| s.depth_mm)).collect(),
-        _ => Sensor { camera, model: noise.model(), seed, view }.degrade(seen, width),
+        noise => Degradation { camera, model: noise.model().with(errors), seed, view }.degrade(seen, width),
     };
-    let counts = depth.into_iter().map(|z| to_counts(z, camera.depth_scale_mm)).collect();
+    let count = |(i, z)| to_counts(errors.banded(z, i % width, width), camera.depth_scale_mm);
+    let counts = depth.into_iter().enumerate().map(count).collect();
     DepthImage { width: camera.width, height: camera.height, counts }
 }
 
@@ -92,14 +121,14 @@ fn to_counts(depth_mm: f64, scale_mm: f64) -> u16 {
     if in_range { (depth_mm / scale_mm).round() as u16 } else { 0 }
 }
 
-struct Sensor<'a> {
+struct Degradation<'a> {
     camera: &'a Camera,
     model: Model,
     seed: u64,
     view: u64,
 }
 
-impl Sensor<'_> {
+impl Degradation<'_> {
     fn stream(&self, purpose: &str) -> Stream {
         Stream::new(self.seed, purpose, self.view)
     }
@@ -110,7 +139,7 @@ impl Sensor<'_> {
         let (fly, loss) = (self.stream("flying"), self.stream("loss"));
         let pixel = |i: usize| {
             let Some(surface) = seen[i] else { return 0.0 };
-            let depth_mm = flown(&clean, width, i, &mut fly.at(i as u64));
+            let depth_mm = flown(&clean, width, i, self.model.flying, &mut fly.at(i as u64));
             // With the square of the depth, and more at a slant: the scans given to the
             // project show 1/sqrt(cos), 0.38 at 20 degrees to 0.62 at 72.
             let slant = 1.0 / surface.incidence.max(0.05).sqrt();
@@ -140,7 +169,8 @@ impl Sensor<'_> {
     fn kernel(&self) -> Vec<f64> {
         let bell =
             |k: i32| squared(1.0 - f64::from(k * k) / (2.0 * squared(self.model.blur_px, 1) * 64.0), 6);
-        let weights: Vec<f64> = (-3..=3).map(bell).collect();
+        let half = (3.0 * self.model.blur_px).ceil().max(3.0) as i32;
+        let weights: Vec<f64> = (-half..=half).map(bell).collect();
         let norm = weights.iter().map(|w| w * w).sum::<f64>().sqrt();
         weights.iter().map(|w| w / norm).collect()
     }
@@ -152,8 +182,9 @@ impl Sensor<'_> {
     }
 
     fn lost(&self, depth_mm: f64, surface: Seen, random: &mut Stream) -> f64 {
-        let grazing = squared(GRAZING / surface.incidence.max(1e-3), 3);
-        if random.unit() < LOST + grazing / (1.0 + grazing) {
+        let grazing = squared(self.model.grazing / surface.incidence.max(1e-3), 3);
+        let shines = surface.incidence > self.model.shining;
+        if random.unit() < LOST + grazing / (1.0 + grazing) || shines {
             return 0.0;
         }
         if random.unit() < OUTLIERS { depth_mm * random.between(0.5, 1.3) } else { depth_mm }
@@ -186,7 +217,7 @@ fn squared(x: f64, times: u32) -> f64 {
 }
 
 /// Depth at pixel `i`; at a silhouette perhaps somewhere between the near and the far surface.
-fn flown(depth: &[f64], width: usize, i: usize, random: &mut Stream) -> f64 {
+fn flown(depth: &[f64], width: usize, i: usize, flying: f64, random: &mut Stream) -> f64 {
     let here = depth[i];
     let (column, row) = (i % width, i / width);
     let (mut near, mut far) = (here, here);
@@ -202,7 +233,7 @@ fn flown(depth: &[f64], width: usize, i: usize, random: &mut Stream) -> f64 {
     // A surface seen at grazing incidence has steps, too, but even ones: it has no near and far side.
     let mid_is_empty =
         far - near > SILHOUETTE_MM * (here / REFERENCE_MM) && is_uneven(depth, width, i, near, far);
-    if mid_is_empty && random.unit() < FLYING { random.between(near, far) } else { here }
+    if mid_is_empty && random.unit() < flying { random.between(near, far) } else { here }
 }
 
 /// Whether the middle third of the depths around pixel `i` is empty: a jump, not a slope.

@@ -51,8 +51,8 @@ impl PoseErrors {
     /// Which view has an exact pose, as a truth names it.
     pub(super) const fn anchor(&self) -> &'static str {
         match self {
-            Self::Scattered { .. } => "first",
-            Self::Cell(_) => "none",
+            Self::Cell(CellErrors { first_exact: false, .. }) => "none",
+            Self::Scattered { .. } | Self::Cell(_) => "first",
         }
     }
 
@@ -61,6 +61,9 @@ impl PoseErrors {
         match self {
             Self::Scattered { shift_mm, turn_deg } => {
                 scattered([*shift_mm, *turn_deg], base_from_camera, random, i)
+            }
+            Self::Cell(cell) if i == 0 && cell.first_exact => {
+                UrPose::reported(&(base_from_camera * flange_from_camera().inverse()))
             }
             Self::Cell(cell) => in_cell(cell, base_from_camera, random, i),
         }

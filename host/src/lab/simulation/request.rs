@@ -1,6 +1,7 @@
 //! What can be asked of the simulator, and what is wrong with a request.
 
 use super::noise::Noise;
+use super::sensor::SensorErrors;
 use serde::{Deserialize, Serialize};
 use std::str::FromStr;
 
@@ -71,6 +72,8 @@ pub struct CellErrors {
     pub robot_mm: f64,
     /// The same of an orientation, degrees.
     pub robot_deg: f64,
+    /// Whether the camera of the first view is exactly where its pose says, all the same.
+    pub first_exact: bool,
 }
 
 /// A scan to simulate.
@@ -103,6 +106,8 @@ pub struct Request {
     pub root_opening_mm: Option<f64>,
     /// How the cell errs; if not given, the first pose is exact and the others are off by 1 to 3 mm.
     pub cell: Option<CellErrors>,
+    /// What the camera does wrong beside its noise.
+    pub sensor: SensorErrors,
 }
 
 /// Why a scan cannot be simulated or written.
@@ -237,6 +242,7 @@ impl Format {
     }
 }
 
+/// Writes and reads a kind by its name.
 macro_rules! named {
     ($kind:ty, $what:literal) => {
         impl std::fmt::Display for $kind {
@@ -256,6 +262,8 @@ macro_rules! named {
         }
     };
 }
+
+pub(super) use named;
 
 named!(Part, "part");
 named!(Pose, "pose");
@@ -279,6 +287,7 @@ impl Request {
             length_mm: None,
             root_opening_mm: None,
             cell: None,
+            sensor: SensorErrors::default(),
         }
     }
 
@@ -294,6 +303,7 @@ impl Request {
         within("width", f64::from(self.width), 16.0, 4096.0)?;
         within("height", f64::from(self.height), 16.0, 4096.0)?;
         self.cell.map_or(Ok(()), |cell| cell.check())?;
+        self.sensor.check()?;
         let refuse = |setting, choices| Err(Error::NotForPart { part: part.name(), setting, choices });
         match (self.angle_deg, part) {
             (Some(angle_deg), Part::Fillet) => within("angle", angle_deg, 45.0, 135.0)?,

@@ -114,6 +114,86 @@ fn the_same_request_gives_the_same_scan_and_another_seed_another() {
     assert_ne!(a.truth.seams[0].p, other.truth.seams[0].p);
 }
 
+/// Depths of the first view of a T joint without noise, mm, row by row.
+fn depths_mm(sensor: SensorErrors) -> Vec<f64> {
+    let scan = simulate(&Request { sensor, ..small(Part::Fillet) }).unwrap();
+    scan.views[0].image.counts.iter().map(|c| f64::from(*c) * scan.camera.depth_scale_mm).collect()
+}
+
+#[test]
+fn a_wrong_depth_scale_stretches_every_reading() {
+    let sensor = SensorErrors { depth_scale_percent: 2.0, ..Default::default() };
+    for (exact, long) in depths_mm(SensorErrors::default()).iter().zip(depths_mm(sensor)) {
+        assert!((long - 1.02 * exact).abs() < 0.06, "{exact} {long}");
+    }
+}
+
+#[test]
+fn a_lens_bends_what_it_projects_as_it_bends_what_it_takes() {
+    let sensor = SensorErrors { focal_percent: 1.0, centre_px: 3.0, k1: 0.05, ..Default::default() };
+    let stated = Camera::with_size(640, 480);
+    let taking = sensor.true_camera(&stated, 7);
+    for (column, row) in [(10.0, 20.0), (320.0, 240.0), (600.0, 30.0), (630.0, 470.0)] {
+        let [c, r] = taking.project(&Point3::from(taking.ray(column, row) * 400.0)).expect("in the image");
+        assert!((c - column).abs() < 1e-6 && (r - row).abs() < 1e-6, "{c} {r}");
+    }
+    let (a, b) = (stated.ray(600.0, 30.0), taking.ray(600.0, 30.0));
+    assert!((a - b).norm() > 2e-3, "{a} {b}");
+}
+
+#[test]
+fn windows_and_light_between_faces_change_corners_and_not_the_middle_of_faces() {
+    let exact = depths_mm(SensorErrors::default());
+    let near_corner = |sensor: SensorErrors| -> (f64, f64) {
+        let off: Vec<f64> = depths_mm(sensor).iter().zip(&exact).map(|(a, b)| a - b).collect();
+        let mut sizes: Vec<f64> = off.iter().map(|d| d.abs()).collect();
+        sizes.sort_by(f64::total_cmp);
+        (sizes[sizes.len() / 2], off.iter().copied().fold(f64::INFINITY, f64::min))
+    };
+    for sensor in [
+        SensorErrors { window_px: 1, ..Default::default() },
+        SensorErrors { interreflection_mm: 1.0, ..Default::default() },
+    ] {
+        let (usual, nearest) = near_corner(sensor);
+        assert!(usual < 0.06, "{sensor:?}: {usual} mm off in the middle of faces");
+        assert!((-4.0..-0.5).contains(&nearest), "{sensor:?}: {nearest} mm off in the corner");
+    }
+    let (_, nearest) = near_corner(SensorErrors { interreflection_mm: -1.0, ..Default::default() });
+    assert!(nearest > -0.06, "a corner that is seen too deep comes no nearer: {nearest} mm");
+}
+
+#[test]
+fn a_near_edge_covers_what_is_behind_it() {
+    let exact = depths_mm(SensorErrors::default());
+    let fat = depths_mm(SensorErrors { fattening_px: 2, ..Default::default() });
+    let covered = exact.iter().zip(&fat).filter(|(a, b)| *a - *b > 5.0).count();
+    assert!(covered > 50, "{covered} pixels");
+    assert!(exact.iter().zip(&fat).all(|(a, b)| b - a < 0.06), "and none is farther");
+}
+
+#[test]
+fn every_preset_makes_a_scan_of_its_own() {
+    let scans: Vec<Vec<f64>> = Sensor::ALL.map(|sensor| depths_mm(sensor.errors())).into();
+    for (k, scan) in scans.iter().enumerate() {
+        assert!(scan.iter().filter(|z| **z > 0.0).count() > scan.len() / 2);
+        assert!(scans[..k].iter().all(|other| other != scan));
+    }
+}
+
+#[test]
+fn a_first_pose_may_be_exact_in_a_cell_that_errs() {
+    let cell =
+        CellErrors { hand_eye_mm: 2.0, hand_eye_deg: 0.5, robot_mm: 0.3, robot_deg: 0.1, first_exact: true };
+    let scan = simulate(&Request { cell: Some(cell), ..small(Part::Lap) }).unwrap();
+    assert_eq!(scan.truth.anchor, "first");
+    let off_mm = |i: usize| {
+        let said = scan.views[i].base_from_flange.isometry() * scan.flange_from_camera;
+        let rows = scan.truth.true_cam[i];
+        (said.translation.vector - Vector3::new(rows[0][3], rows[1][3], rows[2][3])).norm()
+    };
+    assert!(off_mm(0) < 1e-6 && off_mm(1) > 0.5, "{} {}", off_mm(0), off_mm(1));
+}
+
 #[test]
 fn a_piece_without_a_seam_has_none_in_its_truth() {
     for part in [Part::Plate, Part::Box] {
@@ -131,6 +211,10 @@ fn nonsense_is_refused_with_a_way_out() {
     assert!(refused(&Request { angle_deg: Some(60.0), ..small(Part::Pipe) }).contains("butt-v"));
     assert!(refused(&Request { length_mm: Some(200.0), ..small(Part::Pipe) }).contains("butt-v"));
     assert!(refused(&Request { weak: true, ..small(Part::Pipe) }).contains("branch"));
+    let erring = |sensor| refused(&Request { sensor, ..small(Part::Pipe) });
+    assert!(erring(SensorErrors { window_px: 99, ..Default::default() }).contains("matching window"));
+    assert!(erring(SensorErrors { k1: f64::NAN, ..Default::default() }).contains("k1"));
+    assert!("kinect".parse::<Sensor>().unwrap_err().to_string().contains("stereo"));
     let opening = |part, mm| Request { root_opening_mm: Some(mm), ..small(part) };
     assert!(refused(&opening(Part::Pipe, 1.0)).contains("butt-v"));
     assert!(refused(&opening(Part::ButtV, -0.1)).contains("root opening"));

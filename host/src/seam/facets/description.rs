@@ -44,6 +44,7 @@ pub(super) fn seam(mesh: &Mesh, strand: &Strand, base_from_mesh: &Isometry3<f64>
         confidence: 1.0 - BLOCKED * blocked,
         expected_error_mm: position_mm,
         relative_error_mm: position_mm,
+        corner_error_mm: 0.0,
         expected_error_deg: orientation_deg,
         base_error_mm: f64::NAN,
         base_error_deg: f64::NAN,

@@ -357,6 +357,7 @@ mod tests {
             confidence: 1.0,
             expected_error_mm: 0.1,
             relative_error_mm: 0.1,
+            corner_error_mm: 0.0,
             base_error_mm: f64::NAN,
             base_error_deg: f64::NAN,
             expected_error_deg: 0.1,

@@ -33,6 +33,8 @@ pub struct Expected {
     pub relative_mm: f64,
     /// Of the part that registration contributes, mm.
     pub registration_mm: f64,
+    /// Of the part that comes from corners which the camera rounds or fills, or which have a radius, mm.
+    pub corner_mm: f64,
     /// Torch orientation, rad.
     pub orientation_rad: f64,
     /// One standard deviation of the position across the seam in the base frame, both axes together, mm; not a number where
@@ -65,16 +67,17 @@ pub fn expect(seam: &Refined, merged: &Merged, registration: Option<&Registratio
     let (moved_mm2, turned_rad2) = (poses.position_mm2.trace(), poses.orientation_rad2);
     let eigen = poses.position_mm2.symmetric_eigen();
     let most = by_view_mm2.iter().copied().fold(0.0, f64::max);
-    let noise_mm = seam.scatter_mm / MEDIAN_OF_RMS * kept;
-    let tilt_rad = seam.tilt_rad * kept;
-    let own_mm2 = CAUTION.powi(2) * (noise_mm.powi(2) + FLOOR_MM.powi(2));
-    let own_rad2 = CAUTION.powi(2) * (tilt_rad.powi(2) + FLOOR_RAD.powi(2));
+    let (corner_mm2, corner_rad2) = lifted(seam);
+    let noise_mm2 = (seam.scatter_mm / MEDIAN_OF_RMS * kept).powi(2) + corner_mm2 + FLOOR_MM.powi(2);
+    let tilt_rad2 = (seam.tilt_rad * kept).powi(2) + corner_rad2 + FLOOR_RAD.powi(2);
+    let (own_mm2, own_rad2) = (CAUTION.powi(2) * noise_mm2, CAUTION.powi(2) * tilt_rad2);
     let base = |own: f64, of: fn(&Poses) -> f64| in_base.as_ref().map_or(f64::NAN, |b| (own + of(b)).sqrt());
     Expected {
-        position_mm: CAUTION * (noise_mm.powi(2) + moved_mm2 + FLOOR_MM.powi(2)).sqrt(),
-        relative_mm: CAUTION * (noise_mm.powi(2) + apart.position_mm2.trace() + FLOOR_MM.powi(2)).sqrt(),
+        position_mm: CAUTION * (noise_mm2 + moved_mm2).sqrt(),
+        relative_mm: CAUTION * (noise_mm2 + apart.position_mm2.trace()).sqrt(),
         registration_mm: moved_mm2.sqrt(),
-        orientation_rad: CAUTION * (tilt_rad.powi(2) + turned_rad2 + FLOOR_RAD.powi(2)).sqrt(),
+        corner_mm: corner_mm2.sqrt(),
+        orientation_rad: CAUTION * (tilt_rad2 + turned_rad2).sqrt(),
         base_mm: base(own_mm2, |poses| poses.position_mm2.trace()),
         base_rad: base(own_rad2, |poses| poses.orientation_rad2),
         loosest: eigen.eigenvectors.column(eigen.eigenvalues.imax()).into_owned(),
@@ -165,6 +168,22 @@ fn registered(seam: &Refined, errors: &PoseErrors<'_>) -> Poses {
     poses.position_mm2 /= f64::max(count, 1.0);
     poses.orientation_rad2 /= f64::max(count, 1.0);
     poses
+}
+
+/// Variances that unknown lifts of the faces beside the root leave: of the position across the seam, mm², and of the
+/// orientation, rad²; means over the stations.
+fn lifted(seam: &Refined) -> (f64, f64) {
+    let heights_mm2 = Matrix2::from_diagonal(&seam.lift_unknown_mm.map(|mm| mm * mm).into());
+    let (mut sum, mut count) = (0.0, 0.0);
+    for (frame, _) in sampled(seam) {
+        let Some(across) = across(frame, &frame.faces.map(|n| n.cast::<f64>())) else { continue };
+        sum += (across * heights_mm2 * across.transpose()).trace();
+        count += 1.0;
+    }
+    // A face that is off at the root and right at its far end leans by so much; the torch by half of both.
+    let leans =
+        seam.lift_unknown_mm.iter().zip(seam.reach_mm).map(|(mm, reach)| mm / f64::from(reach).max(1.0));
+    (sum / f64::max(count, 1.0), 0.25 * leans.map(|rad| rad * rad).sum::<f64>())
 }
 
 /// What each view alone would contribute to the faces' heights, mm².

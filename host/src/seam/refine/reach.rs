@@ -9,6 +9,8 @@ use nalgebra::{Matrix3, Vector3};
 
 /// Fewer points of the inner part show no face.
 const LEAST_POINTS: usize = 100;
+/// Fewer points of a strip that is left out do not show that it is not of the face.
+const LEAST_LEFT_OUT: usize = 20;
 /// Width of a strip along the seam, in inner parts.
 const STRIP: f32 = 0.077;
 /// Strips of the inner part, from its end, that are looked at, too.
@@ -40,6 +42,9 @@ pub(super) struct Reach {
     pub(super) inner_mm: f32,
     /// Farthest that is ever used.
     pub(super) most_mm: f32,
+    /// Where the face would begin, were it not rounded beside the root. If that is nearer than `from_mm`, the part next to the
+    /// seam is not taken without question: all of it has to be one flat face, and what is left out must not be of it.
+    pub(super) begins_mm: f32,
 }
 
 /// How far a face extends from the seam before it bends away or ends, mm.
@@ -64,18 +69,44 @@ pub(super) fn reach(points: &[Beside], scale: &Reach) -> f32 {
         heights[first..last_inner.min(heights.len())].iter().map(|h| h.len() as f32).collect();
     let usual = median(&mut counts);
     let gate = (OFF_DEVIATIONS * face.sigma).max(OFF_MM);
-    for (k, strip_heights) in heights.iter_mut().enumerate().skip(last_inner - STRIPS_BEFORE) {
+    let off = |k: usize, heights: &mut [f32]| {
+        let middle = f64::from((k as f32 + 0.5) * strip);
+        let drift = DRIFT * (middle - f64::from(scale.inner_mm)).max(0.0);
+        (f64::from(median(heights)) - face.height(middle)).abs() > gate + drift
+    };
+    let is_doubted = scale.begins_mm < scale.from_mm;
+    let nearest = (scale.begins_mm / strip) as usize + 1;
+    let is_flat = face.terms[2] == 0.0;
+    if is_doubted
+        && !(is_flat && heights[nearest].len() >= LEAST_LEFT_OUT && off(nearest, &mut heights[nearest]))
+    {
+        return 0.0;
+    }
+    let looked_at = if is_doubted { first } else { last_inner - STRIPS_BEFORE };
+    for (k, strip_heights) in heights.iter_mut().enumerate().skip(looked_at) {
         let begin = k as f32 * strip;
         if (strip_heights.len() as f32) < MISSING * usual {
             return (begin - BEFORE_GAP * strip).max(LEAST_REACH * scale.inner_mm);
         }
-        let middle = f64::from(begin + 0.5 * strip);
-        let drift = DRIFT * (middle - f64::from(scale.inner_mm)).max(0.0);
-        if (f64::from(median(strip_heights)) - face.height(middle)).abs() > gate + drift {
+        if off(k, strip_heights) {
             return (begin - BEFORE_LIP * strip).max(LEAST_REACH * scale.inner_mm);
         }
     }
     scale.most_mm
+}
+
+/// Where the points near the face's tangent plane end, wherever among them the face is: a lip or an edge, and not a lift, mm.
+pub(super) fn ends(points: &[Beside], scale: &Reach) -> f32 {
+    let strip = STRIP * scale.inner_mm;
+    let strips = by_strip(points, strip, (scale.most_mm / strip) as usize + 1);
+    let first = (scale.from_mm / strip) as usize + 1;
+    let inner = first..((scale.inner_mm / strip) as usize).min(strips.len());
+    let mut counts: Vec<f32> = strips[inner].iter().map(|h| h.len() as f32).collect();
+    let least = MISSING * median(&mut counts);
+    // The last strip is cut short.
+    let missing =
+        strips.iter().enumerate().skip(first).rev().skip(1).rev().find(|(_, h)| (h.len() as f32) < least);
+    missing.map_or(scale.most_mm, |(k, _)| k as f32 * strip)
 }
 
 /// Heights of the points in strips along the seam.

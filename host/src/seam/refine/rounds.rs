@@ -37,7 +37,8 @@ pub fn refine(scan: &RawScan, chain: &Chain, voxel_mm: f32, config: &RefineConfi
             half_mm: sections.windows.half_mm,
             voxel_mm,
         };
-        let outcome = stretch.smoothed(sections.reach_mm, near, config.gap)?;
+        let smoothed = stretch.smoothed(sections.reach_mm, near, config.gap)?;
+        let outcome = Refined { lift_unknown_mm: sections.lift_unknown_mm, ..smoothed };
         path = Path::of(&outcome);
         refined = Some(outcome);
     }

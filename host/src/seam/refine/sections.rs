@@ -4,6 +4,7 @@ use super::beside::{Beside, beside};
 use super::face::{self, Scratch};
 use super::path::Path;
 use super::reach::{self, Reach};
+use super::rounding::{Extent, Rounding};
 use super::station::{MeasuredStation, Meeting};
 use super::windows::Windows;
 use super::{ACUTE_DEG, NARROW, RefineConfig};
@@ -21,6 +22,11 @@ const GATE_SHRINKS_VOXELS: f32 = 0.35;
 const LEAST_GATE_VOXELS: f32 = 1.0;
 /// Part of a face next to the seam that is taken for the face without question, voxels.
 const INNER_VOXELS: f32 = 5.4;
+/// What is left out more where a face is rounded beside the root, and how much farther it then goes on at least, voxels.
+const LEFT_OUT_VOXELS: [f32; 3] = [1.5, 3.0, 4.5];
+const GAINED_VOXELS: f32 = 1.5;
+/// Reach of a face that ends soon, in inner parts.
+const SOON: f32 = 1.3;
 /// Cosine of incidence below which a point tells nothing of a face.
 const LEAST_INCIDENCE: f32 = 0.1;
 
@@ -57,6 +63,8 @@ pub(super) struct FaceSections {
     walls: Vec<f32>,
     /// How far each face reaches from the seam, mm.
     pub(super) reach_mm: [f32; 2],
+    /// What is not known of each face's height at the root because of what lifts it there, mm.
+    pub(super) lift_unknown_mm: [f64; 2],
     /// Part of a face next to the seam, mm.
     inner_mm: f32,
 }
@@ -70,6 +78,9 @@ struct Gates {
     reach: Reach,
     /// Whether the faces meet at less than [`ACUTE_DEG`].
     acute: bool,
+    voxel_mm: f32,
+    /// Whether the path is near enough to the seam to tell what lifts the faces beside it.
+    near: bool,
 }
 
 impl Gates {
@@ -78,16 +89,19 @@ impl Gates {
         let acute = 180.0 - median(&mut cosines).clamp(-1.0, 1.0).acos().to_degrees() < ACUTE_DEG;
         let shrunk = (GATE_VOXELS - GATE_SHRINKS_VOXELS * round as f32).max(LEAST_GATE_VOXELS);
         let height_mm = voxel_mm * shrunk;
+        let from_mm = voxel_mm * if acute { config.acute_root } else { config.root };
         let reach = Reach {
-            from_mm: voxel_mm * if acute { config.acute_root } else { config.root },
+            from_mm,
+            begins_mm: from_mm,
             inner_mm: INNER_VOXELS * voxel_mm,
             most_mm: config.reach * voxel_mm,
         };
-        Self { height_mm, wide_mm: height_mm.max(WIDE_GATE * voxel_mm), reach, acute }
+        let wide_mm = height_mm.max(WIDE_GATE * voxel_mm);
+        Self { height_mm, wide_mm, reach, acute, voxel_mm, near: round > 0 }
     }
 
-    /// The points of a face, sorted along the seam, and how far it reaches.
-    fn of_face(&self, all: &[Beside], face: usize) -> (Vec<Beside>, f32) {
+    /// The points of a face, sorted along the seam, how far it reaches, and what lifts it beside the root.
+    fn of_face(&self, all: &[Beside], face: usize) -> (Vec<Beside>, f32, Rounding) {
         let mine = |p: &&Beside| {
             usize::from(p.face) == face
                 && p.h.abs() < self.wide_mm
@@ -97,10 +111,55 @@ impl Gates {
         };
         let mut wide: Vec<Beside> = all.iter().filter(mine).copied().collect();
         let flat: Vec<Beside> = wide.iter().filter(|p| p.h.abs() < self.height_mm).copied().collect();
-        let reach_mm = reach::reach(&flat, &self.reach);
-        wide.retain(|p| p.u < reach_mm);
+        let (from_mm, reach_mm, rounding) = self.true_part(flat);
+        wide.retain(|p| p.u < reach_mm && p.u > from_mm);
+        wide.iter_mut().for_each(|p| p.h -= rounding.lift(p.u));
         wide.sort_unstable_by(|a, b| a.s.total_cmp(&b.s));
-        (wide, reach_mm)
+        (wide, reach_mm, rounding)
+    }
+
+    /// Where a face begins to be itself and how far it then reaches, mm, and what lifts it beside the root.
+    ///
+    /// What is lifted beside the root seems to bend away from what it is there, and to end soon: the lift is taken off first.
+    /// A path that is not near the seam yet cannot tell the lift; it only tells where the face goes on for longer.
+    fn true_part(&self, mut flat: Vec<Beside>) -> (f32, f32, Rounding) {
+        let from_mm = self.reach.from_mm;
+        let ends_mm = reach::ends(&flat, &self.reach);
+        let narrow = self.acute || ends_mm < NARROW * self.reach.most_mm;
+        let reach_mm = reach::reach(&flat, &self.reach);
+        let mut rounding = Rounding::default();
+        if self.near {
+            let extent = Extent {
+                from_mm,
+                reach_mm: if narrow { reach_mm } else { ends_mm },
+                voxel_mm: self.voxel_mm,
+            };
+            rounding = Rounding::of(&flat, &extent, self.height_mm, narrow);
+        }
+        if rounding.is_none() {
+            let longest = if narrow { (from_mm, reach_mm) } else { self.longest(&flat, reach_mm) };
+            return (longest.0, longest.1, rounding);
+        }
+        flat.iter_mut().for_each(|p| p.h -= rounding.lift(p.u));
+        (rounding.until_mm, reach_mm.max(reach::reach(&flat, &self.reach)), rounding)
+    }
+
+    /// Where a face begins and ends that reaches so far, or farther once more of it is left out beside the root. What is
+    /// rounded in its inner part ends soon behind it.
+    fn longest(&self, flat: &[Beside], reach_mm: f32) -> (f32, f32) {
+        let mut best = (self.reach.from_mm, reach_mm);
+        if reach_mm > SOON * self.reach.inner_mm {
+            return best;
+        }
+        for voxels in LEFT_OUT_VOXELS {
+            let aside_mm = voxels * self.voxel_mm;
+            let (from_mm, inner_mm) = (self.reach.from_mm + aside_mm, self.reach.inner_mm + aside_mm);
+            let reach_mm = reach::reach(flat, &Reach { from_mm, inner_mm, ..self.reach });
+            if reach_mm > best.1 + GAINED_VOXELS * self.voxel_mm {
+                best = (from_mm, reach_mm);
+            }
+        }
+        best
     }
 
     /// Bevels are flat across, and too narrow to tell curvature from the rounding of their lips.
@@ -130,6 +189,7 @@ impl FaceSections {
             bend: [Vec::new(), Vec::new()],
             walls: walls(&all, voxel_mm),
             reach_mm,
+            lift_unknown_mm: [first.2.unknown_mm, second.2.unknown_mm],
             inner_mm: gates.reach.inner_mm,
         };
         for face in 0..2 {

@@ -89,6 +89,7 @@ impl Stretch<'_> {
             scatter_mm: kept.scatter_mm(&smooth_places, &places),
             tilt_rad: median(&mut tilts.collect::<Vec<_>>()),
             reach_mm,
+            lift_unknown_mm: [0.0; 2],
             window_mm: 2.0 * self.half_mm * FULL_WEIGHT,
             freedom,
             view_share: kept.view_share(frames.len()),

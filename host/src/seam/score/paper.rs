@@ -46,6 +46,7 @@ pub fn find(surface: &SurfaceModel, ratio_threshold: f64) -> Found {
         confidence: 0.0,
         expected_error_mm: f64::from(voxels.edge_mm),
         relative_error_mm: f64::from(voxels.edge_mm),
+        corner_error_mm: f64::NAN,
         expected_error_deg: 15.0,
         base_error_mm: f64::NAN,
         base_error_deg: f64::NAN,

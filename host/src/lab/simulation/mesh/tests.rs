@@ -25,6 +25,7 @@ fn rib_on_plate() -> MeshRequest {
         distance_mm: None,
         format: Format::Png,
         cell: None,
+        sensor: SensorErrors::default(),
     }
 }
 
