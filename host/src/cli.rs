@@ -49,7 +49,7 @@ enum Command {
     Plan(Box<plan::Args>),
     #[cfg(feature = "open")]
     Open(open::Args),
-    Simulate(simulate::Args),
+    Simulate(Box<simulate::Args>),
     Refit(refit::Args),
     Evaluate(evaluate::Args),
     Stream(stream::Args),
