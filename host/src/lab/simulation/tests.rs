@@ -156,7 +156,8 @@ fn windows_and_light_between_faces_change_corners_and_not_the_middle_of_faces() 
     ] {
         let (usual, nearest) = near_corner(sensor);
         assert!(usual < 0.06, "{sensor:?}: {usual} mm off in the middle of faces");
-        assert!((-4.0..-0.5).contains(&nearest), "{sensor:?}: {nearest} mm off in the corner");
+        // At edges a window mixes what is up to a plate apart.
+        assert!((-10.0..-0.5).contains(&nearest), "{sensor:?}: {nearest} mm off in the corner");
     }
     let (_, nearest) = near_corner(SensorErrors { interreflection_mm: -1.0, ..Default::default() });
     assert!(nearest > -0.06, "a corner that is seen too deep comes no nearer: {nearest} mm");
