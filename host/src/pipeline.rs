@@ -1,6 +1,7 @@
 //! The method on one page: the paper's Fig. 1 from views to torch paths.
 
 mod scale_search;
+pub mod touch;
 
 use self::scale_search::{Model, ScaleResult, ScaleSearch};
 use crate::geometry::cloud::{Merged, PointCloud, View};
@@ -80,6 +81,8 @@ pub struct Plan {
     /// What the views say of robot and camera; none where the coordinates are not the robot's, and where the first view is
     /// taken as exact.
     pub base_frame: Option<BaseFrame>,
+    /// What points that the robot's tip touched made of it.
+    pub touch: Option<touch::Touched>,
     /// Parameters that were derived from the data: name, value, unit, how.
     pub derived: Vec<Derived>,
     /// Stage name and wall time, seconds.
@@ -113,6 +116,9 @@ pub enum PlanError {
     /// [`Observer::is_done`] said so.
     #[error("the plan was given up")]
     GivenUp,
+    /// Points that the tip touched do not fit the plan.
+    #[error(transparent)]
+    Touch(#[from] touch::Error),
 }
 
 /// What the seams were sought in, for those who draw it.
@@ -224,6 +230,7 @@ pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Re
         views: reports,
         hand_eye,
         base_frame,
+        touch: None,
         derived,
         stage_s,
         orientation_assumed,

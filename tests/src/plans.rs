@@ -66,6 +66,7 @@ fn of_paths(paths: Vec<SeamPath>) -> Plan {
         views: vec![view()],
         hand_eye: None,
         base_frame: None,
+        touch: None,
         derived,
         coverage: vec![],
         stage_s: vec![("normals", 0.25), ("seam", 1.5)],

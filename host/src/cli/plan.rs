@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use weldpath::files::File;
+use weldpath::files::{File, reading};
 use weldpath::output::summary::Source;
 use weldpath::output::verdict::{Reason, ReasonId, State};
 use weldpath::pipeline::{self, Observer, Plan};
@@ -13,6 +13,7 @@ use weldpath::run::job::quantity::{
 };
 use weldpath::run::job::robot::{RobotSettings, TorchBodySettings};
 use weldpath::run::job::scan::AnchorName;
+use weldpath::run::job::touch::TouchSettings;
 use weldpath::run::job::{Formats, Job, MethodName, Sequence};
 use weldpath::run::planning;
 use weldpath::run::postprocessing;
@@ -55,6 +56,13 @@ pub(super) struct Args {
     /// view's pose, taken as exact) [default: robot]
     #[arg(long, value_name = "ANCHOR")]
     anchor: Option<AnchorName>,
+    /// A place of a seam that the robot's own tip touched, mm, base frame, and the seam's number where two are near: the plan
+    /// is moved there; may be given several times
+    #[arg(long, value_name = "X,Y,Z[,SEAM]", allow_hyphen_values = true)]
+    touch: Vec<TouchSettings>,
+    /// The same from a CSV file, one in a line
+    #[arg(long, value_name = "FILE", conflicts_with = "touch")]
+    touches: Option<PathBuf>,
     /// Hold the tip this far off the seam, along the torch axis [default: 0]
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     standoff_mm: Option<StandoffMm>,
@@ -185,6 +193,7 @@ fn job(args: &Args) -> Result<Job, Failure> {
     job.intrinsics = args.intrinsics.or(job.intrinsics);
     job.camera_mm = args.camera.or(job.camera_mm);
     replace(&mut job.scan.anchor, args.anchor);
+    touches(&mut job, args)?;
     replace(&mut job.method, args.method);
     if args.method == Some(MethodName::Weldpath) {
         job.ratio_threshold = None;
@@ -228,6 +237,19 @@ fn job(args: &Args) -> Result<Job, Failure> {
         );
     }
     Ok(job)
+}
+
+/// What the tip touched, in place of what the job file says.
+fn touches(job: &mut Job, args: &Args) -> Result<(), Failure> {
+    if !args.touch.is_empty() {
+        job.touches.clone_from(&args.touch);
+    }
+    let Some(path) = &args.touches else { return Ok(()) };
+    let unread = |why: String| Failure::new(Exit::Usage, why);
+    let text = reading::text(path, reading::MOST_JOB)
+        .map_err(|error| unread(format!("cannot read {}: {error}", path.display())))?;
+    job.touches = TouchSettings::of_csv(&text, path).map_err(unread)?;
+    Ok(())
 }
 
 /// The arm and its base from the command line; a named arm keeps the base of the job file.
@@ -282,6 +304,11 @@ fn keep_seen(folder: &Folder<'_>, mut stages: Vec<File>, seen: Vec<File>) -> Res
 }
 
 fn not_planned(error: pipeline::PlanError) -> Failure {
+    if matches!(error, pipeline::PlanError::Touch(_)) {
+        return Failure::new(Exit::Usage, error).hint(
+            "check the tool that is set on the controller, the unit (mm) and the frame (base); name the seam as x,y,z,SEAM; plan without --touch to see the seams",
+        );
+    }
     Failure::new(Exit::NoSeam, error).hint(
         "DIR/report.html shows what was seen and rejected, --dump-stages keeps the cloud after every stage; docs/troubleshooting.md says what to try",
     )

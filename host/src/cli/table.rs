@@ -164,6 +164,7 @@ mod tests {
             views: vec![],
             hand_eye: None,
             base_frame: None,
+            touch: None,
             derived: vec![Derived { name: "voxel_mm", value: 0.8, how: "twice the mean spacing".into() }],
             stage_s: vec![],
             orientation_assumed: false,

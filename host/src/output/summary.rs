@@ -5,6 +5,7 @@ use serde::Serialize;
 use super::base_frame::BaseFrameSummary;
 use super::verdict::{Finding, Verdict};
 use super::{feasibility, views};
+use crate::pipeline::touch::{Residual, Touched};
 use crate::pipeline::{Derived, Plan, ViewReport};
 use crate::robot::feasibility::Report;
 use crate::seam::measure::coverage::Gap;
@@ -29,6 +30,7 @@ pub struct Summary {
     derived: Vec<Parameter>,
     views: Vec<View>,
     base_frame: BaseFrameSummary,
+    touch: Option<TouchSummary>,
     seams: Vec<SeamSummary>,
     coverage: Vec<Stretch>,
     stages: Vec<Stage>,
@@ -46,6 +48,21 @@ pub struct Source {
     /// What speaks against them; the verdict tells it.
     #[serde(skip)]
     pub findings: Vec<Finding>,
+}
+
+/// What points that the tip touched made of the plan.
+#[derive(Debug, Serialize)]
+struct TouchSummary {
+    shift_mm: [f64; 3],
+    turn_deg: f64,
+    touches: Vec<TouchRow>,
+}
+
+#[derive(Debug, Serialize)]
+struct TouchRow {
+    seam: usize,
+    before_mm: f64,
+    after_mm: f64,
 }
 
 #[derive(Debug, Serialize)]
@@ -140,6 +157,7 @@ impl Summary {
             derived: plan.derived.iter().map(parameter).collect(),
             views: plan.views.iter().map(view).collect(),
             base_frame: BaseFrameSummary::new(plan),
+            touch: plan.touch.as_ref().map(touch),
             seams: plan.seams.iter().map(|seam| seam_summary(seam, lines, paths, up)).collect(),
             coverage: plan.coverage.iter().map(stretch).collect(),
             stages: plan.stage_s.iter().map(|&(name, time_s)| Stage { name, time_s }).collect(),
@@ -211,6 +229,15 @@ fn stretch(gap: &Gap) -> Stretch {
         face_normal: gap.face.into(),
         camera_position_mm: gap.view.position_mm.coords.into(),
         camera_direction: gap.view.direction.into(),
+    }
+}
+
+fn touch(touched: &Touched) -> TouchSummary {
+    let row = |r: &Residual| TouchRow { seam: r.seam, before_mm: r.before_mm, after_mm: r.after_mm };
+    TouchSummary {
+        shift_mm: touched.shift_mm.into(),
+        turn_deg: touched.turn_deg,
+        touches: touched.residuals.iter().map(row).collect(),
     }
 }
 

@@ -9,6 +9,7 @@ pub mod quantity;
 pub mod refusal;
 pub mod robot;
 pub mod scan;
+pub mod touch;
 
 use std::path::{Path, PathBuf};
 
@@ -32,6 +33,7 @@ use quantity::{Input, Output, PayloadKg, ProgramName, RatioThreshold, TimeS};
 pub use refusal::Error;
 use robot::{RobotSettings, TorchBodySettings};
 use scan::ScanSettings;
+use touch::TouchSettings;
 
 /// Where the tip is assumed for the feasibility check if there is no `[tool]`: straight ahead of the flange, mm.
 pub const ASSUMED_TCP_MM: f64 = 350.0;
@@ -75,6 +77,9 @@ pub struct Job {
     pub accept: Vec<ReasonId>,
     /// How exact the robot's poses and the hand-eye transform are.
     pub scan: ScanSettings,
+    /// Places that the robot's own tip touched.
+    #[serde(rename = "touch", skip_serializing_if = "Vec::is_empty")]
+    pub touches: Vec<TouchSettings>,
     /// Which of the seams are welded.
     pub selection: Selection,
     /// In which order the seams are welded.

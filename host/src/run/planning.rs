@@ -4,8 +4,10 @@ use std::path::Path;
 
 use crate::input::{self, CloudFrame, Scan};
 use crate::output::summary::Source;
+use crate::pipeline::touch::{self, Touch};
 use crate::pipeline::{self, Observer, Plan, PlanError};
 use crate::run::job::Job;
+use crate::run::job::touch::TouchSettings;
 use crate::run::verdict;
 
 /// Share of the time, in percent, that has usually passed when a stage begins, measured on the fixtures: a stage at a time
@@ -45,7 +47,33 @@ pub fn plan(scan: &Scan, job: &Job, observer: &mut impl Observer) -> Result<Plan
         config.anchor = None;
     }
     let mut plan = pipeline::plan(&scan.views, &config, observer)?;
+    if !job.touches.is_empty() {
+        plan = touched(&plan, scan, job, &config, observer)?;
+    }
     plan.warnings.splice(0..0, scan.warnings.iter().cloned());
+    Ok(plan)
+}
+
+/// The plan of the same scan where the tip touched it: all poses are moved, and it is planned anew, so that everything which
+/// hangs on places says the same.
+fn touched(
+    plan: &Plan,
+    scan: &Scan,
+    job: &Job,
+    config: &pipeline::Config,
+    observer: &mut impl Observer,
+) -> Result<Plan, PlanError> {
+    if scan.frame == CloudFrame::Camera {
+        return Err(touch::Error::NoBaseFrame.into());
+    }
+    let touches: Vec<Touch> = job.touches.iter().map(TouchSettings::touch).collect();
+    let touched = touch::fit(plan, &touches)?;
+    let mut views = scan.views.clone();
+    views
+        .iter_mut()
+        .for_each(|view| view.base_from_camera = touched.base_from_planned * view.base_from_camera);
+    let mut plan = pipeline::plan(&views, config, observer)?;
+    touched.settle(&mut plan);
     Ok(plan)
 }
 
@@ -58,8 +86,9 @@ pub fn source(scan: &Scan, job: &Job) -> Source {
 /// Whether both jobs find the same seams in the same scan: what they differ by is only what is made of these.
 pub fn finds_the_same(a: &Job, b: &Job) -> bool {
     let search = |job: &Job| {
-        let Job { input, units, intrinsics, camera_mm, method, ratio_threshold, scan, .. } = job.clone();
-        (input, units, intrinsics, camera_mm, method, ratio_threshold, scan)
+        let Job { input, units, intrinsics, camera_mm, method, ratio_threshold, scan, touches, .. } =
+            job.clone();
+        (input, units, intrinsics, camera_mm, method, ratio_threshold, scan, touches)
     };
     search(a) == search(b)
 }

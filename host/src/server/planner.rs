@@ -107,6 +107,9 @@ fn search(session: &Session, job: &Job, stop: &AtomicBool) -> Result<Found, Told
     match planning::plan(&scan, job, &mut watch) {
         Ok(plan) => Ok(Found::new(job, stamps, scan, plan, watch.recording)),
         Err(PlanError::GivenUp) => Err(given_up()),
+        Err(error @ PlanError::Touch(_)) => {
+            Err(told(error, "take the touch out of the job, or name its seam"))
+        }
         Err(error @ PlanError::NoSeam { .. }) => {
             let seen = report::without_seams(&watch.recording, job, &error.to_string());
             write(&session.workplace, &seen)?;

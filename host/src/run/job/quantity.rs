@@ -161,6 +161,8 @@ quantity!(/// Mass at the flange.
     PayloadKg, 0 to 100 " kg");
 quantity!(/// Standard deviation of a position that the robot reports; an uncalibrated arm's is a millimetre or two.
     RobotMm, 0.001 to 20 " mm", default 0.3);
+quantity!(/// Standard deviation of where the tip touched, each axis: by eye, with a sharp tip.
+    TouchMm, 0.01 to 5 " mm", default 0.2);
 quantity!(/// Standard deviation of an orientation that the robot reports.
     RobotDeg, 0.0001 to 5 " deg", default 0.05);
 quantity!(/// Standard deviation of the camera's position on the flange.
