@@ -80,7 +80,7 @@ impl Rounding {
         let (share, longest) = if narrow { (NARROW_SHARE, NARROW_LONGEST) } else { (1.0, LONGEST) };
         let reach_mm = from_mm + share * (extent.reach_mm - from_mm);
         let width_mm = STRIP_VOXELS * voxel_mm;
-        let views = strips(points, from_mm, reach_mm, width_mm, 1).remove(0);
+        let views = strips(points, from_mm, reach_mm, width_mm, 1).pop().unwrap_or_default();
         let longest = longest * f64::from(reach_mm - from_mm);
         let shortest = f64::from(STRIP_VOXELS * voxel_mm);
         let none = Self::default();
@@ -304,6 +304,13 @@ mod tests {
             Beside { s: k as f32, face: 0, u, h, view, incidence_cos: 1.0 }
         };
         (0..200_000).map(point).filter(|p| p.view == 0 || p.u > 3.0).collect()
+    }
+
+    #[test]
+    fn a_face_without_points_is_lifted_by_nothing() {
+        assert!(Rounding::of(&[], &SEEN, 3.0, false).is_none());
+        let none = Extent { reach_mm: 0.5, ..SEEN };
+        assert!(Rounding::of(&face(|_| 0.0), &none, 3.0, true).is_none());
     }
 
     #[test]
