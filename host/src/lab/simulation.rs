@@ -22,10 +22,9 @@ mod truth;
 mod workpiece;
 
 pub use camera::{Camera, DepthImage, RANGE_MM};
-pub use capture::Imaging;
 pub use files::{files, write};
 pub use mesh::{ListedWeld, MeshRequest, mesh_truth, simulate_mesh};
-pub use noise::Noise;
+pub use noise::{Imaging, Noise};
 pub use request::{CellErrors, Error, Format, Part, Pose, Request};
 pub use rotation::UrPose;
 pub use scene::Scene;

@@ -1,27 +1,12 @@
 //! One depth image: the camera's lines of sight cast into the scene, and the sensor's errors laid over what they meet.
 
 use super::camera::{Camera, DepthImage, Seen};
-use super::noise::{self, Noise};
+use super::noise::{self, Imaging};
 use super::random::Stream;
 use super::scene::Scene;
-use super::sensor::{self, SensorErrors};
+use super::sensor;
 use nalgebra::{Isometry3, Point3};
 use rayon::prelude::*;
-
-/// What a camera adds to what there is to see.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Imaging {
-    /// What differs from image to image.
-    pub noise: Noise,
-    /// What does not.
-    pub errors: SensorErrors,
-}
-
-impl From<Noise> for Imaging {
-    fn from(noise: Noise) -> Self {
-        Self { noise, errors: SensorErrors::default() }
-    }
-}
 
 impl Camera {
     /// One depth image of `scene` from `base_from_camera`. The same seed and view give the same image.

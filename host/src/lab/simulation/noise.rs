@@ -5,7 +5,6 @@
 //! silhouettes, disparity steps, dropouts (single, grazing, small holes), outliers, range.
 
 use super::camera::{Camera, DepthImage, RANGE_MM, Seen};
-use super::capture::Imaging;
 use super::random::Stream;
 use super::rotation::sin_cos_deg;
 use super::sensor::SensorErrors;
@@ -24,6 +23,21 @@ pub enum Noise {
     Mid,
     /// 0.50 mm at 350 mm.
     High,
+}
+
+/// What a camera adds to what there is to see.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Imaging {
+    /// What differs from image to image.
+    pub noise: Noise,
+    /// What does not.
+    pub errors: SensorErrors,
+}
+
+impl From<Noise> for Imaging {
+    fn from(noise: Noise) -> Self {
+        Self { noise, errors: SensorErrors::default() }
+    }
 }
 
 /// The numbers behind a [`Noise`].

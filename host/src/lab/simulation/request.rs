@@ -1,7 +1,7 @@
 //! What can be asked of the simulator, and what is wrong with a request.
 
 use super::noise::Noise;
-use super::sensor::SensorErrors;
+use super::sensor::{Sensor, SensorErrors};
 use serde::{Deserialize, Serialize};
 use std::str::FromStr;
 
@@ -242,7 +242,6 @@ impl Format {
     }
 }
 
-/// Writes and reads a kind by its name.
 macro_rules! named {
     ($kind:ty, $what:literal) => {
         impl std::fmt::Display for $kind {
@@ -263,12 +262,11 @@ macro_rules! named {
     };
 }
 
-pub(super) use named;
-
 named!(Part, "part");
 named!(Pose, "pose");
 named!(Noise, "noise");
 named!(Format, "format");
+named!(Sensor, "sensor");
 
 impl Request {
     /// A scan of `part` lying flat, at medium noise, in 640 x 480 depth images.
@@ -338,6 +336,27 @@ impl CellErrors {
         within("hand-eye turn", self.hand_eye_deg, 0.0, 20.0)?;
         within("robot position error", self.robot_mm, 0.0, 20.0)?;
         within("robot orientation error", self.robot_deg, 0.0, 5.0)
+    }
+}
+
+impl SensorErrors {
+    pub(super) fn check(&self) -> Result<(), Error> {
+        let optional =
+            |name, value: Option<f64>, low, high| value.map_or(Ok(()), |v| within(name, v, low, high));
+        within("matching window", f64::from(self.window_px), 0.0, 32.0)?;
+        within("edge fattening", f64::from(self.fattening_px), 0.0, 32.0)?;
+        optional("share of flying pixels", self.flying, 0.0, 1.0)?;
+        optional("correlation of the noise", self.correlated_px, 0.1, 20.0)?;
+        optional("disparity step", self.disparity_step_px, 1e-3, 2.0)?;
+        within("depth step", self.depth_step_mm, 0.0, 50.0)?;
+        within("interreflection", self.interreflection_mm, -20.0, 20.0)?;
+        within("specular angle", self.specular_deg, 0.0, 45.0)?;
+        optional("grazing angle", self.grazing_deg, 20.0, 89.0)?;
+        within("stripes", self.stripes_mm, 0.0, 10.0)?;
+        within("error of the depth scale", self.depth_scale_percent, -20.0, 20.0)?;
+        within("error of the focal length", self.focal_percent, -20.0, 20.0)?;
+        within("error of the optical axis", self.centre_px, 0.0, 100.0)?;
+        within("distortion k1", self.k1, -0.3, 0.3)
     }
 }
 

@@ -12,12 +12,10 @@
 
 use super::camera::{Camera, Seen};
 use super::random::Stream;
-use super::request::{Error, named, within};
 use super::rotation::sin_cos_deg;
 use super::scene::Scene;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
-use std::str::FromStr;
 
 /// A kind of depth camera.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -137,28 +135,7 @@ impl Sensor {
     }
 }
 
-named!(Sensor, "sensor");
-
 impl SensorErrors {
-    pub(super) fn check(&self) -> Result<(), Error> {
-        let optional =
-            |name, value: Option<f64>, low, high| value.map_or(Ok(()), |v| within(name, v, low, high));
-        within("matching window", f64::from(self.window_px), 0.0, 32.0)?;
-        within("edge fattening", f64::from(self.fattening_px), 0.0, 32.0)?;
-        optional("share of flying pixels", self.flying, 0.0, 1.0)?;
-        optional("correlation of the noise", self.correlated_px, 0.1, 20.0)?;
-        optional("disparity step", self.disparity_step_px, 1e-3, 2.0)?;
-        within("depth step", self.depth_step_mm, 0.0, 50.0)?;
-        within("interreflection", self.interreflection_mm, -20.0, 20.0)?;
-        within("specular angle", self.specular_deg, 0.0, 45.0)?;
-        optional("grazing angle", self.grazing_deg, 20.0, 89.0)?;
-        within("stripes", self.stripes_mm, 0.0, 10.0)?;
-        within("error of the depth scale", self.depth_scale_percent, -20.0, 20.0)?;
-        within("error of the focal length", self.focal_percent, -20.0, 20.0)?;
-        within("error of the optical axis", self.centre_px, 0.0, 100.0)?;
-        within("distortion k1", self.k1, -0.3, 0.3)
-    }
-
     /// The camera that takes the images, where `stated` is the one that is written.
     pub(super) fn true_camera(&self, stated: &Camera, seed: u64) -> Camera {
         let aside = Stream::new(seed, "optical axis", 0).direction();

@@ -83,9 +83,12 @@ mod tests {
         assert_eq!(touches.len(), 2);
         assert_eq!((touches[0].at_mm.get(), touches[0].seam), ([1.0, 2.5, -3.0], None));
         assert_eq!(touches[1].seam, Some(2));
-        for (text, why) in
-            [("", "no touch"), ("1,2\n", "line 1"), ("a,b,c\n1,x,3\n", "line 2"), ("1,2,nan\n", "line 1")]
-        {
+        for (text, why) in [
+            ("", "no touch"),
+            ("1,2\n", "line 1"),
+            ("a,b,c\n1,x,3\n", "line 2"),
+            ("x,y,z\n1,2,nan\n", "line 2"),
+        ] {
             let error = TouchSettings::of_csv(text, path).unwrap_err();
             assert!(error.contains("touches.csv") && error.contains(why), "{error}");
         }

@@ -81,6 +81,9 @@ struct Gates {
     voxel_mm: f32,
     /// Whether the path is near enough to the seam to tell what lifts the faces beside it.
     near: bool,
+    /// Whether several cameras saw the faces, and which saw what. From one side alone, and in a cloud that was merged and
+    /// smoothed elsewhere, what bends beside a root is as likely the work's own shape.
+    by_camera: bool,
 }
 
 impl Gates {
@@ -97,7 +100,7 @@ impl Gates {
             most_mm: config.reach * voxel_mm,
         };
         let wide_mm = height_mm.max(WIDE_GATE * voxel_mm);
-        Self { height_mm, wide_mm, reach, acute, voxel_mm, near: round > 0 }
+        Self { height_mm, wide_mm, reach, acute, voxel_mm, near: round > 0, by_camera: true }
     }
 
     /// The points of a face, sorted along the seam, how far it reaches, and what lifts it beside the root.
@@ -128,6 +131,9 @@ impl Gates {
         let narrow = self.acute || ends_mm < NARROW * self.reach.most_mm;
         let reach_mm = reach::reach(&flat, &self.reach);
         let mut rounding = Rounding::default();
+        if !self.by_camera {
+            return (from_mm, reach_mm, rounding);
+        }
         if self.near {
             let extent = Extent {
                 from_mm,
@@ -178,7 +184,8 @@ impl FaceSections {
         config: &RefineConfig,
         round: usize,
     ) -> Self {
-        let gates = Gates::new(path, voxel_mm, config, round);
+        let gates =
+            Gates { by_camera: !scan.merged.cameras_unknown, ..Gates::new(path, voxel_mm, config, round) };
         // Nothing farther along and off a face is used.
         let all = beside(scan.merged, near, path.line(), gates.reach.most_mm.hypot(WIDE_GATE * voxel_mm));
         let (first, second) = rayon::join(|| gates.of_face(&all, 0), || gates.of_face(&all, 1));
