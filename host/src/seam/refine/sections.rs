@@ -184,8 +184,8 @@ impl FaceSections {
         config: &RefineConfig,
         round: usize,
     ) -> Self {
-        let gates =
-            Gates { by_camera: !scan.merged.cameras_unknown, ..Gates::new(path, voxel_mm, config, round) };
+        let several = !scan.merged.cameras_unknown && scan.merged.cameras_mm.len() > 1;
+        let gates = Gates { by_camera: several, ..Gates::new(path, voxel_mm, config, round) };
         // Nothing farther along and off a face is used.
         let all = beside(scan.merged, near, path.line(), gates.reach.most_mm.hypot(WIDE_GATE * voxel_mm));
         let (first, second) = rayon::join(|| gates.of_face(&all, 0), || gates.of_face(&all, 1));
