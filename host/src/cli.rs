@@ -1,5 +1,6 @@
 //! Command line: subcommands, exit codes, and how a failure is told.
 
+mod calibrate;
 mod completions;
 mod doctor;
 mod evaluate;
@@ -49,6 +50,7 @@ enum Command {
     Plan(Box<plan::Args>),
     #[cfg(feature = "open")]
     Open(open::Args),
+    Calibrate(calibrate::Args),
     Simulate(Box<simulate::Args>),
     Refit(refit::Args),
     Evaluate(evaluate::Args),
@@ -101,6 +103,7 @@ fn run(command: &Command) -> Result<(), Failure> {
         Command::Plan(args) => plan::run(args),
         #[cfg(feature = "open")]
         Command::Open(args) => open::run(args),
+        Command::Calibrate(args) => calibrate::run(args),
         Command::Simulate(args) => simulate::run(args),
         Command::Refit(args) => refit::run(args),
         Command::Evaluate(args) => evaluate::run(args),

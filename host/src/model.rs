@@ -3,6 +3,7 @@
 
 pub mod agreement;
 pub mod base_frame;
+pub mod camera;
 pub mod denoising;
 pub mod downsampling;
 pub mod normals;

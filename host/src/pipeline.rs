@@ -1,17 +1,22 @@
 //! The method on one page: the paper's Fig. 1 from views to torch paths.
 
+pub mod calibration;
+mod reconstructed;
 mod scale_search;
 pub mod touch;
 
+use self::reconstructed::Reconstructed;
 use self::scale_search::{Model, ScaleResult, ScaleSearch};
 use crate::geometry::cloud::{Merged, PointCloud, View};
 use crate::geometry::grid::Grid;
-use crate::model::agreement::Agreement;
 pub use crate::model::agreement::{HandEyeError, Misfit, ViewReport};
-pub use crate::model::base_frame::{Anchor, BaseFrame, CellAccuracy, HandEyeCorrection};
+pub use crate::model::base_frame::{
+    Anchor, BaseFrame, Calibration, CameraFinding, CellAccuracy, HandEyeCorrection,
+};
+pub use crate::model::camera::CameraErrors;
 use crate::model::downsampling::Voxels;
 use crate::model::downsampling::{DISTANCE_VOXELS, HEIGHT_NOISES, RADIUS_VOXELS};
-use crate::model::{agreement, base_frame, downsampling, normals, reconstruction};
+use crate::model::{downsampling, normals, reconstruction};
 use crate::seam::Seam;
 use crate::seam::extraction::SeamConfig;
 use crate::seam::measure::coverage;
@@ -44,6 +49,8 @@ pub struct Config {
     pub reconstruction: reconstruction::ReconstructionConfig,
     /// What holds the model in the robot's base frame; nothing where the coordinates are not the robot's.
     pub anchor: Option<Anchor>,
+    /// What other scans of the cell told of hand-eye transform and camera.
+    pub calibration: Option<Calibration>,
     /// Voxel grid.
     pub downsampling: downsampling::VoxelConfig,
     /// Seams and their refinement.
@@ -57,6 +64,7 @@ impl Default for Config {
             normals: normals::NormalsConfig::default(),
             reconstruction: reconstruction::ReconstructionConfig::default(),
             anchor: Some(Anchor::default()),
+            calibration: None,
             downsampling: downsampling::VoxelConfig::default(),
             seam: SeamConfig::default(),
         }
@@ -81,6 +89,8 @@ pub struct Plan {
     /// What the views say of robot and camera; none where the coordinates are not the robot's, and where the first view is
     /// taken as exact.
     pub base_frame: Option<BaseFrame>,
+    /// What the views say of the camera's own errors; none of a single view, and where the coordinates are not the robot's.
+    pub camera: Option<CameraFinding>,
     /// What points that the robot's tip touched made of it.
     pub touch: Option<touch::Touched>,
     /// Parameters that were derived from the data: name, value, unit, how.
@@ -182,14 +192,14 @@ pub const RAW_CELL_MM: f32 = 5.0;
 /// ```
 pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Result<Plan, PlanError> {
     let mut clock = Clock::default();
-    let patches = clock.stage("normals", observer, || normals::of_views(views, &config.normals));
-    go_on(observer)?;
-    let mut agreement = clock.stage("reconstruction", observer, || registered(views, &patches, config));
-    go_on(observer)?;
-    let base_frame = clock.time("base frame", || located(views, &mut agreement, config));
+    let Reconstructed { views, patches, agreement, location, camera } =
+        Reconstructed::new(views, config, &mut clock, observer)?;
+    let base_frame = location.and_then(|location| location.base_frame);
+    let views = &views[..];
     let reports = if views.len() > 1 { agreement.report(views, &patches) } else { Vec::new() };
     let mut warnings = agreement.warnings(views, &patches);
     warnings.extend(base_frame.iter().flat_map(BaseFrame::warnings));
+    warnings.extend(camera.iter().flat_map(CameraFinding::warnings));
     let hand_eye = agreement.hand_eye;
     let (views, patches) = (agreement.of(views), agreement.of(&patches));
     let (views, patches, registration) = (&views[..], &patches[..], agreement.registration);
@@ -230,6 +240,7 @@ pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Re
         views: reports,
         hand_eye,
         base_frame,
+        camera,
         touch: None,
         derived,
         stage_s,
@@ -238,34 +249,8 @@ pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Re
     })
 }
 
-/// Views put right against each other, and those that do not fit left out.
-fn registered(views: &[View], patches: &[normals::Patches], config: &Config) -> Agreement {
-    match config.method {
-        Method::Weldpath => agreement::agreeing(views, patches, &config.reconstruction),
-        Method::Paper { .. } => {
-            Agreement::of_all(reconstruction::chain::register(views, patches, &config.reconstruction))
-        }
-    }
-}
-
 fn go_on(observer: &impl Observer) -> Result<(), PlanError> {
     if observer.is_done() { Err(PlanError::GivenUp) } else { Ok(()) }
-}
-
-/// Puts the views that fit where they are in the base frame, as far as that is known.
-fn located(views: &[View], agreement: &mut Agreement, config: &Config) -> Option<BaseFrame> {
-    if !views.iter().all(|view| view.camera_known) || matches!(config.method, Method::Paper { .. }) {
-        return None;
-    }
-    let Anchor::Cell(cell) = config.anchor? else {
-        base_frame::anchor_first(&mut agreement.registration);
-        return None;
-    };
-    let reported: Vec<_> = agreement.kept.iter().map(|&k| views[k].base_from_camera).collect();
-    let gross = agreement.hand_eye.is_some_and(|error| error.is_gross());
-    let found = base_frame::locate(&reported, &agreement.registration, cell, gross)?;
-    found.settle(&mut agreement.registration);
-    Some(found)
 }
 
 /// The sizes that were derived from the data, for the summary.

@@ -58,6 +58,7 @@ pub fn without_seams(recording: &Recording, job: &Job, reason: &str) -> Vec<File
         views: Vec::new(),
         hand_eye: None,
         base_frame: None,
+        camera: None,
         touch: None,
         derived: Vec::new(),
         stage_s: Vec::new(),

@@ -66,6 +66,7 @@ fn of_paths(paths: Vec<SeamPath>) -> Plan {
         views: vec![view()],
         hand_eye: None,
         base_frame: None,
+        camera: None,
         touch: None,
         derived,
         coverage: vec![],

@@ -18,8 +18,14 @@ use weldpath::run::verdict;
 use weldpath_tests::adversary::Random;
 
 /// A cell of everyday quality: what findings call "hand-eye off by 2 mm and 0.5 degrees, robot true to 0.1 mm".
-const CELL: CellErrors =
-    CellErrors { hand_eye_mm: 2.0, hand_eye_deg: 0.5, robot_mm: 0.1, robot_deg: 0.03, first_exact: false };
+const CELL: CellErrors = CellErrors {
+    hand_eye_mm: 2.0,
+    hand_eye_deg: 0.5,
+    robot_mm: 0.1,
+    robot_deg: 0.03,
+    first_exact: false,
+    seed: None,
+};
 /// Root mean square that is accepted over the scans of a group, mm.
 const MOST_MM: f64 = 0.8;
 /// The stated error against the true one: share of scans within twice the stated, and the median of stated by true, where

@@ -3,7 +3,7 @@
 use nalgebra::{
     DMatrix, DVector, Isometry3, Matrix6, Point3, Translation3, UnitQuaternion, Vector3, Vector6,
 };
-use weldpath::model::base_frame::{BaseFrame, CellAccuracy, anchor_first, locate};
+use weldpath::model::base_frame::{Anchor, BaseFrame, CellAccuracy, Location, Stated, anchor_first, locate};
 use weldpath::model::reconstruction::{Registration, SurfaceEvidence};
 use weldpath_tests::adversary::Random;
 
@@ -68,8 +68,11 @@ fn scanned(
         let own = if r == c { sigma2(r) } else { 0.0 };
         own + if r % 6 == c % 6 { sigma2(r) } else { 0.0 }
     });
-    let evidence =
-        SurfaceEvidence { information: covariance.clone().try_inverse().unwrap(), pull: DVector::zeros(n) };
+    let evidence = SurfaceEvidence {
+        information: covariance.clone().try_inverse().unwrap(),
+        pull: DVector::zeros(n),
+        camera: None,
+    };
     let registration = Registration {
         base_from_camera: seen.iter().map(|pose| keep * pose).collect(),
         fitness: vec![vec![1.0]; truth.len()],
@@ -83,14 +86,23 @@ fn scanned(
     Scanned { reported, registration }
 }
 
+/// What is stated of a cell.
+fn stated(reported: &[Isometry3<f64>], cell: CellAccuracy, beyond_repair: bool) -> Stated<'_> {
+    Stated { reported, anchor: Anchor::Cell(cell), calibration: None, taken_out: None, beyond_repair }
+}
+
 impl Scanned {
+    fn location(&self) -> Location {
+        locate(&stated(&self.reported, CellAccuracy::default(), false), &self.registration).unwrap()
+    }
+
     fn located(&self) -> BaseFrame {
-        locate(&self.reported, &self.registration, CellAccuracy::default(), false).unwrap()
+        self.location().base_frame.unwrap()
     }
 
     /// Where the work comes to lie in the base frame, as motion from where it is, and the covariance that is stated of it.
     fn error(&self, truth: &[Isometry3<f64>]) -> (Vector6<f64>, Matrix6<f64>) {
-        let found = self.located();
+        let found = self.location();
         let mut settled = self.registration.clone();
         found.settle(&mut settled);
         let off = settled.base_from_camera[0] * truth[0].inverse();
@@ -181,10 +193,13 @@ fn nothing_is_corrected_where_the_hand_eye_is_beyond_repair_or_the_first_view_ex
     let truth = cameras(25.0);
     let scan = scanned(&truth, Isometry3::translation(0.0, 30.0, -90.0), [0.1, 5e-4], &mut Random::new(3));
     let cell = CellAccuracy::default();
-    let found = locate(&scan.reported, &scan.registration, cell, true).unwrap();
+    let found = locate(&stated(&scan.reported, cell, true), &scan.registration).unwrap();
     let mut settled = scan.registration.clone();
     found.settle(&mut settled);
-    assert!(!found.hand_eye.is_applied && settled.base_from_camera == scan.registration.base_from_camera);
+    assert!(
+        !found.base_frame.unwrap().hand_eye.is_applied
+            && settled.base_from_camera == scan.registration.base_from_camera
+    );
     anchor_first(&mut settled);
     let covariance = settled.base_covariance.unwrap();
     assert_eq!(covariance.fixed_view::<6, 6>(0, 0).norm(), 0.0);
@@ -206,7 +221,7 @@ fn a_single_view_is_as_exact_as_robot_and_hand_eye_together() {
     };
     let cell = CellAccuracy { hand_eye_deg: 0.001, robot_deg: 0.001, ..CellAccuracy::default() };
     let mut settled = registration.clone();
-    locate(&[pose], &registration, cell, false).unwrap().settle(&mut settled);
+    locate(&stated(&[pose], cell, false), &registration).unwrap().settle(&mut settled);
     let covariance = settled.base_covariance.unwrap();
     let expected = cell.robot_mm.hypot(cell.hand_eye_mm);
     assert!((covariance[(3, 3)].sqrt() - expected).abs() < 0.02, "{covariance}");

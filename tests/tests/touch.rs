@@ -14,8 +14,14 @@ use weldpath::run::job::Job;
 use weldpath::run::planning;
 use weldpath_tests::adversary::Random;
 
-const CELL: CellErrors =
-    CellErrors { hand_eye_mm: 2.0, hand_eye_deg: 0.5, robot_mm: 0.1, robot_deg: 0.03, first_exact: false };
+const CELL: CellErrors = CellErrors {
+    hand_eye_mm: 2.0,
+    hand_eye_deg: 0.5,
+    robot_mm: 0.1,
+    robot_deg: 0.03,
+    first_exact: false,
+    seed: None,
+};
 /// Standard deviation of the tip, each axis, mm.
 const TIP_MM: f64 = 0.1;
 
@@ -63,7 +69,7 @@ fn one_touch_shifts_a_plan_and_three_turn_it_to_where_the_seam_is() {
         one += errors[1].powi(2);
         three += errors[2].powi(2);
         honest += errors.iter().zip(stated).filter(|(real, stated)| **real < 2.0 * stated).count();
-        assert!(stated[1] < stated[0] && stated[2] < stated[1], "touches make a plan surer: {stated:?}");
+        assert!(stated[1] < stated[0] + 1e-9 && stated[2] < stated[1], "touches make a plan surer: {stated:?}");
         assert_eq!(plans[2].touch.as_ref().expect("touched").residuals.len(), 3);
     }
     let rms = |sum: f64| (sum / scans.len() as f64).sqrt();
@@ -111,9 +117,9 @@ fn a_touch_that_cannot_be_is_refused_and_says_why() {
         off(Vector3::zeros(), "seam = 9\n"),
         Err(PlanError::Touch(touch::Error::NoSuchSeam { seam: 9, .. }))
     ));
-    // Two touches at one place that are 4 mm apart.
+    // Two touches at one place that are 2.5 mm apart.
     let [x, y, z]: [f64; 3] = amid.into();
-    let up = Vector3::from(seam.n[seam.n.len() / 2]) * 4.0;
+    let up = Vector3::from(seam.n[seam.n.len() / 2]) * 2.5;
     let both = format!(
         "[[touch]]\nat_mm = [{x}, {y}, {z}]\nseam = 1\n[[touch]]\nat_mm = [{}, {}, {}]\nseam = 1\n",
         x + up.x,

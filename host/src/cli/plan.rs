@@ -8,6 +8,7 @@ use weldpath::output::verdict::{Reason, ReasonId, State};
 use weldpath::pipeline::{self, Observer, Plan};
 use weldpath::robot::dialect::Dialect;
 use weldpath::robot::dialect::moves::TooLong;
+use weldpath::run::job::calibration::CalibrationSettings;
 use weldpath::run::job::quantity::{
     self, ApproachMm, FeedMmS, Place, Points, RatioThreshold, Region, SpacingMm, StandoffMm,
 };
@@ -56,6 +57,9 @@ pub(super) struct Args {
     /// view's pose, taken as exact) [default: robot]
     #[arg(long, value_name = "ANCHOR")]
     anchor: Option<AnchorName>,
+    /// What `weldpath calibrate` wrote: hand-eye transform and camera as other scans of the cell showed them
+    #[arg(long, value_name = "FILE")]
+    calibration: Option<PathBuf>,
     /// A place of a seam that the robot's own tip touched, mm, base frame, and the seam's number where two are near: the plan
     /// is moved there; may be given several times
     #[arg(long, value_name = "X,Y,Z[,SEAM]", allow_hyphen_values = true)]
@@ -193,6 +197,11 @@ fn job(args: &Args) -> Result<Job, Failure> {
     job.intrinsics = args.intrinsics.or(job.intrinsics);
     job.camera_mm = args.camera.or(job.camera_mm);
     replace(&mut job.scan.anchor, args.anchor);
+    if let Some(path) = &args.calibration {
+        let read = CalibrationSettings::read(path);
+        job.scan.calibration =
+            Some(read.map_err(|error| Failure::new(Exit::Usage, &error).hint(error.hint()))?);
+    }
     touches(&mut job, args)?;
     replace(&mut job.method, args.method);
     if args.method == Some(MethodName::Weldpath) {

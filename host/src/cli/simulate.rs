@@ -89,6 +89,9 @@ struct CellArgs {
     /// The camera of the first view is exactly where its pose says, all the same
     #[arg(long)]
     first_exact: bool,
+    /// Scans with the same number are of one cell: hand-eye transform and optical axis err alike [default: each its own]
+    #[arg(long, value_name = "N", value_parser = whole::<u64>, allow_negative_numbers = true)]
+    cell_seed: Option<u64>,
 }
 
 /// Errors that are alike in every image; each option changes one of the sensor's own.
@@ -168,9 +171,16 @@ impl CellArgs {
     fn errors(self) -> Option<CellErrors> {
         let given = [self.hand_eye_mm, self.hand_eye_deg, self.robot_mm, self.robot_deg];
         let [hand_eye_mm, hand_eye_deg, robot_mm, robot_deg] = given.map(Option::unwrap_or_default);
-        let any = given.iter().any(Option::is_some);
+        let any = given.iter().any(Option::is_some) || self.cell_seed.is_some();
         let first_exact = self.first_exact;
-        any.then_some(CellErrors { hand_eye_mm, hand_eye_deg, robot_mm, robot_deg, first_exact })
+        any.then_some(CellErrors {
+            hand_eye_mm,
+            hand_eye_deg,
+            robot_mm,
+            robot_deg,
+            first_exact,
+            seed: self.cell_seed,
+        })
     }
 }
 

@@ -4,7 +4,7 @@ use std::fmt::Write;
 use std::path::Path;
 
 use weldpath::output::summary::Source;
-use weldpath::pipeline::{BaseFrame, Plan, ViewReport};
+use weldpath::pipeline::{BaseFrame, CameraFinding, Plan, ViewReport};
 use weldpath::run::postprocessing::Output;
 use weldpath::seam::Seam;
 use weldpath::seam::measure::dimension::Dimension;
@@ -35,6 +35,7 @@ pub(super) fn result(plan: &Plan, output: &Output, source: &Source, out: &Path) 
     }
     plan.views.iter().for_each(|view| line(&mut text, &registration(view)));
     plan.base_frame.iter().for_each(|found| line(&mut text, &cell(found)));
+    plan.camera.iter().for_each(|found| line(&mut text, &camera(found)));
     let seams =
         plan.seams.iter().flat_map(|seam| seam.warnings.iter().map(|w| format!("seam {}: {w}", seam.id)));
     let all: Vec<String> = output.summary.warnings().iter().cloned().chain(seams).collect();
@@ -91,6 +92,15 @@ fn cell(found: &BaseFrame) -> String {
         significant(own.turn_deg),
         significant(own.turn_sigma_deg),
         if own.is_applied { "corrected" } else { "not significant, left as stated" }
+    )
+}
+
+/// What the views say of the camera.
+fn camera(found: &CameraFinding) -> String {
+    format!(
+        "camera: {}, {}",
+        found.words(),
+        if found.is_significant { "corrected" } else { "not significant, left as stated" }
     )
 }
 
@@ -164,6 +174,7 @@ mod tests {
             views: vec![],
             hand_eye: None,
             base_frame: None,
+            camera: None,
             touch: None,
             derived: vec![Derived { name: "voxel_mm", value: 0.8, how: "twice the mean spacing".into() }],
             stage_s: vec![],

@@ -140,7 +140,7 @@ impl Recording<'_> {
         format: Format,
     ) -> Simulated {
         let camera = Camera::with_size(self.size_px[0], self.size_px[1]);
-        let taking = self.sensor.true_camera(&camera, self.seed);
+        let taking = self.sensor.true_camera(&camera, self.poses.cell_seed().unwrap_or(self.seed));
         let imaging = Imaging { noise: self.noise, errors: self.sensor };
         let seed = random::Stream::new(self.seed, self.name, 2).next();
         let poses = random::Stream::new(self.seed, self.name, 3);

@@ -7,11 +7,16 @@
 //! error of the frame. Millimetres, radians where a name says nothing else.
 
 mod adjustment;
+mod calibration;
+mod prior;
 
+use crate::model::camera::CameraErrors;
 use crate::model::reconstruction::{Registration, SurfaceEvidence};
-pub use adjustment::CellAccuracy;
 use adjustment::{Adjusted, Known, parameters};
-use nalgebra::{DMatrix, DVector, Isometry3, Matrix6, Point3, Vector3, Vector6};
+pub use calibration::Calibration;
+use nalgebra::{DMatrix, DVector, Isometry3, Matrix5, Matrix6, Point3, SMatrix, Vector3, Vector6};
+pub use prior::CellAccuracy;
+use prior::{Prior, SHARED};
 
 /// Of the squared size of a hand-eye motion in standard deviations, six numbers: by chance it is larger in one of 370 scans,
 /// as one number is beyond three standard deviations.
@@ -19,6 +24,9 @@ const SIGNIFICANT: f64 = 20.1;
 /// Where the scatter itself is estimated from so many coordinates that the bound has to be twice as large, chance is to
 /// find a motion as seldom (quantiles of Fisher's F for 6 and 12 to 40).
 const LOOSE_FREEDOM: f64 = 9.0;
+
+/// Of the squared size of a camera's errors in standard deviations, five numbers: by chance larger in one of 370 scans.
+const SIGNIFICANT_CAMERA: f64 = 18.2;
 
 /// What holds the model in the base frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -48,8 +56,6 @@ pub struct BaseFrame {
     pub scale_mm: f64,
     /// The same of the orientation.
     pub scale_deg: f64,
-    poses: Vec<Isometry3<f64>>,
-    covariance: DMatrix<f64>,
 }
 
 /// Motion of the camera on the flange.
@@ -73,39 +79,118 @@ pub struct HandEyeCorrection {
     pub is_applied: bool,
 }
 
-/// Locates the registered views, given what the robot reported of them; none where a registration says too little.
-///
-/// Where the hand-eye transform is `beyond_repair`, nothing is corrected: it belongs to another camera or another flange.
-pub fn locate(
-    reported: &[Isometry3<f64>],
-    registration: &Registration,
-    cell: CellAccuracy,
-    beyond_repair: bool,
-) -> Option<BaseFrame> {
+/// The same as a mean by chance: nothing is left to be taken out.
+const SETTLED_CAMERA: f64 = 5.0;
+
+/// What the views say of the camera's own errors.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CameraFinding {
+    /// As far as they are not taken out yet.
+    pub errors: CameraErrors,
+    /// One standard deviation of each.
+    pub sigma: CameraErrors,
+    /// Whether they are beyond three standard deviations together.
+    pub is_significant: bool,
+    /// Whether so much is left of them as of noise alone.
+    pub is_settled: bool,
+}
+
+/// What is known of a scan's poses and camera before its surfaces are looked at.
+#[derive(Debug, Clone, Copy)]
+pub struct Stated<'a> {
+    /// Poses that the robot reported of the registered views.
+    pub reported: &'a [Isometry3<f64>],
+    /// What holds the model.
+    pub anchor: Anchor,
+    /// What is known of hand-eye transform and camera from other scans, which is taken out of poses and points.
+    pub calibration: Option<&'a Calibration>,
+    /// Errors of the camera that this scan's own surfaces told, and that are taken out of its points.
+    pub taken_out: Option<CameraErrors>,
+    /// Whether the hand-eye transform belongs to another camera or another flange: nothing is corrected then.
+    pub beyond_repair: bool,
+}
+
+/// Where registered views are in the base frame.
+#[derive(Debug, Clone)]
+pub struct Location {
+    /// What they say of robot and hand-eye transform; none where the first view is exact.
+    pub base_frame: Option<BaseFrame>,
+    /// What they say of the camera; none of a single view.
+    pub camera: Option<CameraFinding>,
+    /// What all views share, beside a calibration that was taken out.
+    pub shared: Calibration,
+    poses: Vec<Isometry3<f64>>,
+    covariance: Option<DMatrix<f64>>,
+}
+
+/// Locates the registered views; none where a registration says too little.
+pub fn locate(stated: &Stated, registration: &Registration) -> Option<Location> {
+    let reported = stated.reported;
     let alone = SurfaceEvidence::of_one_view();
     let surfaces = match reported.len() {
         1 => &alone,
         _ => registration.evidence.as_ref()?,
     };
     let (registered, centre_mm) = (&registration.base_from_camera, registration.centre_mm);
-    let adjusted = Adjusted::new(&Known { reported, registered, surfaces, centre_mm, cell })?;
-    let [turn, shift] = adjusted.scale;
-    let hand_eye = correction(&adjusted, beyond_repair)?;
-    let poses = 6 * reported.len();
-    let mut covariance = adjusted.covariance.view((0, 0), (poses, poses)).into_owned();
+    let prior = Prior::of(stated);
+    let adjusted = |prior: &Prior| Adjusted::new(&Known { reported, registered, surfaces, centre_mm, prior });
+    // The camera's errors move nothing until they are taken out of the points; what is not known of them is an error. Where
+    // nobody looked for them, the camera counts as exact.
+    let exact = adjusted(&prior.with_exact_camera())?;
+    let looked_for = surfaces.camera.is_some();
+    let (told_prior, free) = match looked_for {
+        true => (prior.with_exact_scale(), adjusted(&prior)?),
+        false => (prior.with_exact_camera(), adjusted(&prior.with_exact_camera())?),
+    };
+    let told = adjusted(&told_prior)?;
+    let contradictions =
+        told.contradictions(&Known { reported, registered, surfaces, centre_mm, prior: &told_prior });
+    let camera = looked_for.then(|| finding(&told, &contradictions)).flatten();
+    let hand_eye = correction(&exact, &free, stated.beyond_repair)?;
+    let mut covariance = free.of_rigid_motions(&centre_mm);
     if !hand_eye.is_applied {
         // What is known to be wrong and left as it is counts as an error like any other.
-        let left = left_as_is(&adjusted, registered, &centre_mm);
+        let left = left_as_is(&exact, registered, &centre_mm);
         covariance += &left * left.transpose();
     }
-    Some(BaseFrame {
-        hand_eye,
-        robot_mm: shift * cell.robot_mm,
-        robot_deg: turn * cell.robot_deg,
-        scale_mm: shift,
-        scale_deg: turn,
-        poses: adjusted.poses,
-        covariance,
+    let shared = Calibration::of([&told, &free], stated.taken_out, &contradictions);
+    let Anchor::Cell(cell) = stated.anchor else {
+        let covariance = stated.taken_out.map(|_| covariance);
+        return Some(Location { base_frame: None, camera, shared, poses: registered.clone(), covariance });
+    };
+    let [turn, shift] = exact.scale;
+    let (scale_mm, scale_deg) = (shift, turn);
+    let (robot_mm, robot_deg) = (shift * cell.robot_mm, turn * cell.robot_deg);
+    let poses = if hand_eye.is_applied { exact.poses } else { registered.clone() };
+    let base_frame = Some(BaseFrame { hand_eye, robot_mm, robot_deg, scale_mm, scale_deg });
+    Some(Location { base_frame, camera, shared, poses, covariance: Some(covariance) })
+}
+
+impl Location {
+    /// Puts the views where they are in the base frame, and tells the registration how well that is known.
+    pub fn settle(&self, registration: &mut Registration) {
+        let Some(covariance) = &self.covariance else { return anchor_first(registration) };
+        if self.base_frame.as_ref().is_some_and(|found| found.hand_eye.is_applied) {
+            registration.base_from_camera.clone_from(&self.poses);
+            registration.covariance = against_first(covariance);
+        }
+        registration.base_covariance = Some(covariance.clone());
+    }
+}
+
+/// The camera's errors as the views tell them.
+fn finding(adjusted: &Adjusted, contradictions: &SMatrix<f64, SHARED, SHARED>) -> Option<CameraFinding> {
+    let at = adjusted.covariance.nrows() - 5;
+    let formal: Matrix5<f64> = adjusted.covariance.fixed_view::<5, 5>(at, at).into_owned();
+    let covariance = formal + contradictions.fixed_view::<5, 5>(6, 6);
+    let found = adjusted.camera.vector();
+    let squared = found.dot(&covariance.cholesky()?.solve(&found));
+    let most = SIGNIFICANT_CAMERA * (1.0 + LOOSE_FREEDOM / adjusted.freedom);
+    Some(CameraFinding {
+        errors: adjusted.camera,
+        sigma: CameraErrors::from_vector(&covariance.diagonal().map(|v| v.max(0.0).sqrt())),
+        is_significant: squared > most && !is_scattered(adjusted.scale),
+        is_settled: squared < SETTLED_CAMERA,
     })
 }
 
@@ -122,12 +207,16 @@ fn is_scattered([turn, shift]: [f64; 2]) -> bool {
     turn.max(shift) > SCATTERED
 }
 
-fn correction(adjusted: &Adjusted, beyond_repair: bool) -> Option<HandEyeCorrection> {
-    let at = adjusted.covariance.nrows() - 6;
-    let covariance: Matrix6<f64> = adjusted.covariance.fixed_view::<6, 6>(at, at).into_owned();
-    let found: Vector6<f64> = parameters(&adjusted.hand_eye, &Point3::origin());
-    let squared = found.dot(&covariance.cholesky()?.solve(&found));
-    let most = SIGNIFICANT * (1.0 + LOOSE_FREEDOM / adjusted.freedom);
+/// What the views say of the hand-eye transform: the motion that is significant if the camera has no errors, and how exact
+/// it is if it may have some.
+fn correction(exact: &Adjusted, free: &Adjusted, beyond_repair: bool) -> Option<HandEyeCorrection> {
+    let at = exact.covariance.nrows() - SHARED;
+    let of =
+        |adjusted: &Adjusted| -> Matrix6<f64> { adjusted.covariance.fixed_view::<6, 6>(at, at).into_owned() };
+    let found: Vector6<f64> = parameters(&exact.hand_eye, &Point3::origin());
+    let squared = found.dot(&of(exact).cholesky()?.solve(&found));
+    let most = SIGNIFICANT * (1.0 + LOOSE_FREEDOM / exact.freedom);
+    let covariance = of(free);
     let part = |at: usize| {
         let (own, value) =
             (covariance.fixed_view::<3, 3>(at, at).into_owned(), found.fixed_rows::<3>(at).into_owned());
@@ -137,7 +226,7 @@ fn correction(adjusted: &Adjusted, beyond_repair: bool) -> Option<HandEyeCorrect
     };
     let ([turn, turn_sigma, loosest], [shift_mm, shift_sigma_mm, loosest_mm]) = (part(0), part(3));
     Some(HandEyeCorrection {
-        camera_from_corrected: adjusted.hand_eye,
+        camera_from_corrected: exact.hand_eye,
         shift_mm,
         shift_sigma_mm,
         loosest_mm,
@@ -145,7 +234,7 @@ fn correction(adjusted: &Adjusted, beyond_repair: bool) -> Option<HandEyeCorrect
         turn_sigma_deg: turn_sigma.to_degrees(),
         loosest_deg: loosest.to_degrees(),
         // Poses that contradict what is stated of the robot are no ground to move the frame by.
-        is_applied: squared > most && !beyond_repair && !is_scattered(adjusted.scale),
+        is_applied: squared > most && !beyond_repair && !is_scattered(exact.scale),
     })
 }
 
@@ -158,18 +247,38 @@ impl BaseFrame {
         is_scattered([self.scale_deg, self.scale_mm])
     }
 
-    /// Puts the views where they are in the base frame, and tells the registration how well that is known.
-    pub fn settle(&self, registration: &mut Registration) {
-        if self.hand_eye.is_applied {
-            registration.base_from_camera.clone_from(&self.poses);
-            registration.covariance = against_first(&self.covariance);
-        }
-        registration.base_covariance = Some(self.covariance.clone());
-    }
-
     /// What a user should know of it, if anything.
     pub fn warnings(&self) -> Vec<String> {
         self.hand_eye.is_applied.then(|| self.hand_eye.words()).into_iter().collect()
+    }
+}
+
+impl CameraFinding {
+    /// What a user should know of it, if anything.
+    pub fn warnings(&self) -> Vec<String> {
+        let words = || {
+            format!(
+                "camera: {}, taken out of all views; calibrate it with `weldpath calibrate`",
+                self.words()
+            )
+        };
+        self.is_significant.then(words).into_iter().collect()
+    }
+
+    /// The errors in words.
+    pub fn words(&self) -> String {
+        let (CameraErrors { focal, centre, k1, .. }, sigma) = (self.errors, &self.sigma);
+        format!(
+            "focal length {:+.2} +- {:.2} % off, optical axis {:+.1} +- {:.1} and {:+.1} +- {:.1} thousandths of it, k1 {k1:+.4} \
+             +- {:.4}",
+            100.0 * focal,
+            100.0 * sigma.focal,
+            1e3 * centre[0],
+            1e3 * sigma.centre[0],
+            1e3 * centre[1],
+            1e3 * sigma.centre[1],
+            sigma.k1,
+        )
     }
 }
 

@@ -14,6 +14,7 @@ mod system;
 
 use crate::geometry::cloud::View;
 use crate::geometry::point_to_plane;
+use crate::model::camera::CameraEvidence;
 use crate::model::normals::Patches;
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix6, Point3, Vector3};
 pub(crate) use source::spread_over_normals;
@@ -78,12 +79,14 @@ pub struct SurfaceEvidence {
     pub information: DMatrix<f64>,
     /// Where the surfaces pull the registered poses: nothing but what the reported poses held back.
     pub pull: DVector<f64>,
+    /// What they tell of the camera's own errors, where all views are of one camera.
+    pub camera: Option<CameraEvidence>,
 }
 
 impl SurfaceEvidence {
     /// Of a single view, which no other ties to anything.
     pub fn of_one_view() -> Self {
-        Self { information: DMatrix::zeros(0, 0), pull: DVector::zeros(0) }
+        Self { information: DMatrix::zeros(0, 0), pull: DVector::zeros(0), camera: None }
     }
 }
 

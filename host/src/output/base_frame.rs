@@ -4,7 +4,7 @@
 use serde::Serialize;
 
 use super::views;
-use crate::pipeline::{BaseFrame, Plan};
+use crate::pipeline::{BaseFrame, CameraFinding, Plan};
 
 /// The object; its numbers are null where nothing is known.
 #[derive(Debug, Serialize)]
@@ -13,6 +13,7 @@ pub(super) struct BaseFrameSummary {
     error_deg: Option<f64>,
     robot: Option<Scatter>,
     hand_eye: Option<HandEye>,
+    camera: Option<Camera>,
 }
 
 /// How the reported poses scatter.
@@ -38,6 +39,18 @@ struct HandEye {
     camera_from_corrected_wxyz: [f64; 4],
 }
 
+/// How far the camera is from what its intrinsics say.
+#[derive(Debug, Serialize)]
+struct Camera {
+    applied: bool,
+    focal: f64,
+    focal_sigma: f64,
+    centre: [f64; 2],
+    centre_sigma: [f64; 2],
+    k1: f64,
+    k1_sigma: f64,
+}
+
 impl BaseFrameSummary {
     pub(super) fn new(plan: &Plan) -> Self {
         let worst = |errors: Vec<f64>| errors.into_iter().filter(|e| e.is_finite()).reduce(f64::max);
@@ -46,6 +59,7 @@ impl BaseFrameSummary {
             error_deg: worst(plan.seams.iter().map(|seam| seam.base_error_deg).collect()),
             robot: plan.base_frame.as_ref().map(scatter),
             hand_eye: plan.base_frame.as_ref().map(hand_eye),
+            camera: plan.camera.as_ref().map(camera),
         }
     }
 }
@@ -56,6 +70,19 @@ fn scatter(found: &BaseFrame) -> Scatter {
         scatter_deg: found.robot_deg,
         of_stated_mm: found.scale_mm,
         of_stated_deg: found.scale_deg,
+    }
+}
+
+fn camera(found: &CameraFinding) -> Camera {
+    let (errors, sigma) = (&found.errors, &found.sigma);
+    Camera {
+        applied: found.is_significant,
+        focal: errors.focal,
+        focal_sigma: sigma.focal,
+        centre: errors.centre,
+        centre_sigma: sigma.centre,
+        k1: errors.k1,
+        k1_sigma: sigma.k1,
     }
 }
 

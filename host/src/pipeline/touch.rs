@@ -34,6 +34,8 @@ pub struct Touched {
     /// Middle of the touches, and covariance of the motion that is left about it (turn, shift; rad, mm).
     middle_mm: Point3<f64>,
     covariance: Matrix6<f64>,
+    /// Whether the plan's own errors in the base frame were known before.
+    is_stated: bool,
 }
 
 /// How far a touch is from its seam, across it.
@@ -107,7 +109,8 @@ pub enum Error {
     NoBaseFrame,
 }
 
-/// What no prior of robot and hand-eye transform knows, of a lens and a depth scale say: each axis, mm and degrees.
+/// What is stated of nothing where the first view's pose counts as exact, hand-eye transform and camera: each axis, mm and
+/// degrees.
 const UNSTATED_MM: f64 = 1.0;
 const UNSTATED_DEG: f64 = 0.3;
 /// Standard deviations from which on a touch is not believed.
@@ -148,7 +151,7 @@ pub fn fit(plan: &Plan, touches: &[Touch]) -> Result<Touched, Error> {
     }
     let sum: Vector3<f64> = touches.iter().map(|touch| touch.at_mm.coords).sum();
     let middle_mm = Point3::from(sum / touches.len().max(1) as f64);
-    let prior = prior(&feet);
+    let prior = prior(&feet, plan.base_frame.is_some());
     let before: Vec<f64> =
         feet.iter().zip(touches).map(|(foot, touch)| (touch.at_mm - foot.at_mm).norm()).collect();
     for ((k, foot), (distance_mm, touch)) in feet.iter().enumerate().zip(before.iter().zip(touches)) {
@@ -186,18 +189,20 @@ pub fn fit(plan: &Plan, touches: &[Touch]) -> Result<Touched, Error> {
         residuals,
         middle_mm,
         covariance: solved.1,
+        is_stated: plan.base_frame.is_some(),
     })
 }
 
 /// Covariance of the plan's motion before any touch: turn and shift about the touches, rad and mm.
-fn prior(feet: &[Foot]) -> Matrix6<f64> {
+fn prior(feet: &[Foot], is_stated: bool) -> Matrix6<f64> {
     let usual = CellAccuracy::default();
     // Stated is the error of two axes together, and of three; of a cloud without its cameras nothing is.
     let each =
         |stated: f64, axes: f64, usual: f64| if stated.is_finite() { stated / axes.sqrt() } else { usual };
     let largest = |of: &dyn Fn(&Foot) -> f64| feet.iter().map(of).fold(0.0, f64::max);
-    let shift = largest(&|foot| each(foot.base[0], 2.0, usual.hand_eye_mm)).hypot(UNSTATED_MM);
-    let turn = largest(&|foot| each(foot.base[1], 3.0, usual.hand_eye_deg)).hypot(UNSTATED_DEG).to_radians();
+    let [more_mm, more_deg] = if is_stated { [0.0; 2] } else { [UNSTATED_MM, UNSTATED_DEG] };
+    let shift = largest(&|foot| each(foot.base[0], 2.0, usual.hand_eye_mm)).hypot(more_mm);
+    let turn = largest(&|foot| each(foot.base[1], 3.0, usual.hand_eye_deg)).hypot(more_deg).to_radians();
     let mut prior = Matrix6::identity() * turn.powi(2);
     prior.fixed_view_mut::<3, 3>(3, 3).copy_from(&(Matrix3::identity() * shift.powi(2)));
     prior
@@ -298,8 +303,12 @@ impl Touched {
     pub fn settle(self, plan: &mut Plan) {
         for seam in &mut plan.seams {
             let [shift_mm2, turn_rad2] = self.left_at(seam);
-            seam.base_error_mm = (seam.relative_error_mm.powi(2) + shift_mm2).sqrt();
-            seam.base_error_deg = seam.expected_error_deg.hypot(turn_rad2.sqrt().to_degrees());
+            let mm = (seam.relative_error_mm.powi(2) + shift_mm2).sqrt();
+            let deg = seam.expected_error_deg.hypot(turn_rad2.sqrt().to_degrees());
+            // The prior is the same in all directions, where what was known is not: a touch makes nothing less sure.
+            let surer = |stated: f64, left: f64| if self.is_stated { left.min(stated) } else { left };
+            seam.base_error_mm = surer(seam.base_error_mm, mm);
+            seam.base_error_deg = surer(seam.base_error_deg, deg);
         }
         for view in &mut plan.views {
             view.reported = self.base_from_planned.inverse() * view.reported;

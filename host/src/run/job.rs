@@ -4,6 +4,7 @@
 //! right name ([`refusal`]). The effective job of a run is written next to its results and replays to the same path.
 //! How a weld is made is a [`layer`]: the whole job's, a seam's own on top of it, and a pass's on top of that.
 
+pub mod calibration;
 pub mod layer;
 pub mod quantity;
 pub mod refusal;
@@ -26,6 +27,7 @@ use crate::robot::dialect::{Dialect, ProgramSetup};
 use crate::robot::feasibility::{self, FeasibilitySetup, PlacedArm};
 use crate::robot::tool::Tool;
 use crate::weld::recipe::Recipe;
+use calibration::CalibrationSettings;
 pub use layer::{
     PassSettings, PathSettings, SeamSettings, StitchSettings, TorchSettings, WeaveSettings, Weld,
 };
@@ -301,7 +303,8 @@ impl Job {
             }
         };
         let anchor = Some(self.scan.anchor());
-        pipeline::Config { method, anchor, ..pipeline::Config::default() }
+        let calibration = self.scan.calibration.as_ref().map(CalibrationSettings::calibration);
+        pipeline::Config { method, anchor, calibration, ..pipeline::Config::default() }
     }
 
     /// What the feasibility check needs; none if neither a robot nor a torch is given.

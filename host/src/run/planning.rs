@@ -22,6 +22,10 @@ pub const PASSED: [(&str, u64); 7] = [
     ("toolpath", 99),
 ];
 
+/// Said of a scan whose cameras nobody knows.
+const UNUSED_CALIBRATION: &str =
+    "the calibration is not used: nothing says where the camera was, or that the coordinates are the robot's";
+
 /// Reads the input that the job names.
 ///
 /// # Errors
@@ -46,11 +50,16 @@ pub fn plan(scan: &Scan, job: &Job, observer: &mut impl Observer) -> Result<Plan
         // Coordinates that are not the robot's have no error in its base frame.
         config.anchor = None;
     }
+    let calibrated = config.calibration.is_some() && scan.frame == CloudFrame::Base;
+    let unused = (config.calibration.is_some() && !calibrated).then(|| UNUSED_CALIBRATION.to_owned());
+    if !calibrated {
+        config.calibration = None;
+    }
     let mut plan = pipeline::plan(&scan.views, &config, observer)?;
     if !job.touches.is_empty() {
         plan = touched(&plan, scan, job, &config, observer)?;
     }
-    plan.warnings.splice(0..0, scan.warnings.iter().cloned());
+    plan.warnings.splice(0..0, scan.warnings.iter().cloned().chain(unused));
     Ok(plan)
 }
 

@@ -56,6 +56,14 @@ impl PoseErrors {
         }
     }
 
+    /// What the camera's own errors follow from, where a cell names it.
+    pub(super) fn cell_seed(&self) -> Option<u64> {
+        match self {
+            Self::Cell(cell) => cell.seed,
+            Self::Scattered { .. } => None,
+        }
+    }
+
     /// What the robot reports of view `i`, truly at `base_from_camera`.
     pub(super) fn reported(&self, base_from_camera: &Isometry3<f64>, random: &Stream, i: usize) -> UrPose {
         match self {
@@ -92,7 +100,8 @@ const HAND_EYE_PLACE: u64 = u64::MAX;
 
 /// The camera sits on the flange otherwise than the hand-eye transform says, and the robot's own errors are normal.
 fn in_cell(cell: &CellErrors, base_from_camera: &Isometry3<f64>, random: &Stream, i: usize) -> UrPose {
-    let mut of_all = random.at(HAND_EYE_PLACE);
+    let own = || random.at(HAND_EYE_PLACE);
+    let mut of_all = cell.seed.map_or_else(own, |seed| Stream::new(seed, "hand-eye", 0));
     let (shift, axis) = (of_all.direction() * cell.hand_eye_mm, of_all.direction());
     let lacking = Isometry3::from_parts(Translation3::from(shift), about(axis, cell.hand_eye_deg));
     let base_from_flange = base_from_camera * (flange_from_camera() * lacking).inverse();

@@ -74,6 +74,9 @@ pub struct CellErrors {
     pub robot_deg: f64,
     /// Whether the camera of the first view is exactly where its pose says, all the same.
     pub first_exact: bool,
+    /// Scans with the same number are of one cell: the directions of hand-eye error and optical axis follow from it; from
+    /// the scan's own seed if not given.
+    pub seed: Option<u64>,
 }
 
 /// A scan to simulate.

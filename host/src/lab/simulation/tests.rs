@@ -183,8 +183,14 @@ fn every_preset_makes_a_scan_of_its_own() {
 
 #[test]
 fn a_first_pose_may_be_exact_in_a_cell_that_errs() {
-    let cell =
-        CellErrors { hand_eye_mm: 2.0, hand_eye_deg: 0.5, robot_mm: 0.3, robot_deg: 0.1, first_exact: true };
+    let cell = CellErrors {
+        hand_eye_mm: 2.0,
+        hand_eye_deg: 0.5,
+        robot_mm: 0.3,
+        robot_deg: 0.1,
+        first_exact: true,
+        seed: None,
+    };
     let scan = simulate(&Request { cell: Some(cell), ..small(Part::Lap) }).unwrap();
     assert_eq!(scan.truth.anchor, "first");
     let off_mm = |i: usize| {

@@ -1,13 +1,17 @@
-//! One least-squares adjustment of all poses and the hand-eye transform (ours).
+//! One least-squares adjustment of all poses, the hand-eye transform and the camera's own errors (ours).
 //!
-//! Unknown are the true pose of every camera and one motion `X` of the camera on the flange. With `R` the poses that the robot
-//! reports, by forward kinematics and the hand-eye transform as stated, the true ones are `E R X`; `E` is the robot's own
-//! error in each view. Known are the surfaces, which tie the views to each other, a prior of `E` and one of `X`. What the
+//! Unknown are the true pose of every camera, one motion `X` of the camera on the flange, and five errors of the camera. With
+//! `R` the poses that the robot reports, by forward kinematics and the hand-eye transform as stated, the true ones are
+//! `E R X`; `E` is the robot's own error in each view. Known are the surfaces, which tie the views to each other and tell how
+//! one camera bends all of them, and priors of `E`, `X` and the camera. What the
 //! data do not tie down stays at its prior. Gauss-Newton; millimetres and radians; motions are about one centre.
 
+use super::prior::{Prior, SHARED};
+use crate::model::camera::{self, CameraErrors};
 use crate::model::reconstruction::SurfaceEvidence;
 use nalgebra::{
-    DMatrix, DVector, Isometry3, Matrix6, Point3, SMatrix, Translation3, UnitQuaternion, Vector3, Vector6,
+    DMatrix, DVector, Isometry3, Matrix6, Point3, SMatrix, SVector, Translation3, UnitQuaternion, Vector3,
+    Vector5, Vector6,
 };
 
 /// Steps at most. The problem is almost linear: a step leaves about a hundredth; the robot's scatter settles in a few.
@@ -15,28 +19,11 @@ const STEPS: usize = 8;
 /// A step and a change of scale so small end it, mm at the centre and share.
 const SETTLED_MM: f64 = 1e-3;
 const SETTLED_SHARE: f64 = 0.02;
+/// One standard deviation of a pose that is exact.
+const EXACT_MM: f64 = 1e-4;
+const EXACT_RAD: f64 = 1e-7;
 /// The stated accuracy of the robot counts as much as so many observed coordinates, when its scatter is estimated.
 const STATED_FREEDOM: f64 = 4.0;
-
-/// One standard deviation, each axis, of what nobody measured.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct CellAccuracy {
-    /// Position that the robot reports, mm.
-    pub robot_mm: f64,
-    /// Its orientation, degrees.
-    pub robot_deg: f64,
-    /// Position of the camera on the flange, mm.
-    pub hand_eye_mm: f64,
-    /// Its orientation, degrees.
-    pub hand_eye_deg: f64,
-}
-
-/// An arm of everyday quality, and a hand-eye calibration by hand with a board.
-impl Default for CellAccuracy {
-    fn default() -> Self {
-        Self { robot_mm: 0.3, robot_deg: 0.05, hand_eye_mm: 3.0, hand_eye_deg: 1.0 }
-    }
-}
 
 /// What is known before.
 pub(super) struct Known<'a> {
@@ -45,7 +32,7 @@ pub(super) struct Known<'a> {
     /// Of the views but the first, about the centre.
     pub(super) surfaces: &'a SurfaceEvidence,
     pub(super) centre_mm: Point3<f64>,
-    pub(super) cell: CellAccuracy,
+    pub(super) prior: &'a Prior,
 }
 
 /// What is known after.
@@ -54,7 +41,10 @@ pub(super) struct Adjusted {
     pub(super) poses: Vec<Isometry3<f64>>,
     /// Camera as stated from camera as it is.
     pub(super) hand_eye: Isometry3<f64>,
-    /// Of the motions of all poses about the centre, then of the hand-eye motion in the camera's frame; rad, mm.
+    /// Errors of the camera that are left in the points.
+    pub(super) camera: CameraErrors,
+    /// Of the motions of all poses about the centre, then of the hand-eye motion in the camera's frame, rad and mm; then of the
+    /// camera's errors.
     pub(super) covariance: DMatrix<f64>,
     /// How far the robot's poses scatter, in multiples of what was stated: orientation, position.
     pub(super) scale: [f64; 2],
@@ -69,6 +59,7 @@ impl Adjusted {
         let mut now = Self {
             poses: known.registered.to_vec(),
             hand_eye: Isometry3::identity(),
+            camera: CameraErrors::default(),
             covariance: DMatrix::zeros(0, 0),
             scale: [1.0; 2],
             freedom: STATED_FREEDOM,
@@ -92,12 +83,12 @@ impl Adjusted {
     fn normal_equations(&self, known: &Known) -> (DMatrix<f64>, DVector<f64>) {
         let views = self.poses.len();
         let x = 6 * views;
-        let mut information = DMatrix::zeros(x + 6, x + 6);
-        let mut pull = DVector::zeros(x + 6);
+        let mut information = DMatrix::zeros(x + SHARED, x + SHARED);
+        let mut pull = DVector::zeros(x + SHARED);
         self.add_surfaces(known, &mut information, &mut pull);
-        let weights = self.pose_weights(known);
         for k in 0..views {
             let (left, row) = self.pose_row(known, k);
+            let weights = self.pose_weights(known, k);
             let weighted = row.transpose() * Matrix6::from_diagonal(&weights);
             let (square, side) = (weighted * row, weighted * left);
             for (a, at) in [(0, 6 * k), (6, x)] {
@@ -109,13 +100,61 @@ impl Adjusted {
                 }
             }
         }
-        let cell = &known.cell;
-        let held = weights_of(cell.hand_eye_deg.to_radians(), cell.hand_eye_mm);
-        let mut part = pull.fixed_rows_mut::<6>(x);
-        part -= held.component_mul(&parameters(&self.hand_eye, &Point3::origin()));
-        let mut part = information.fixed_view_mut::<6, 6>(x, x);
-        part += Matrix6::from_diagonal(&held);
+        let held = &known.prior.shared;
+        let mut part = pull.fixed_rows_mut::<SHARED>(x);
+        part -= held * (self.shared() + known.prior.taken_out);
+        let mut part = information.fixed_view_mut::<SHARED, SHARED>(x, x);
+        part += held;
         (information, pull)
+    }
+
+    /// Covariance of what all views share as the pairs of views contradict each other: the outer products of what each pair's
+    /// own residuals do to the solution (Huber's and White's "sandwich", with pairs of views as clusters).
+    pub(super) fn contradictions(&self, known: &Known) -> SMatrix<f64, SHARED, SHARED> {
+        let mut sum = SMatrix::zeros();
+        let Some(camera) = &known.surfaces.camera else { return sum };
+        let motion = |k: usize| self.poses[k] * known.registered[k].inverse();
+        let done: Vec<Vector6<f64>> =
+            (0..self.poses.len()).map(|k| parameters(&motion(k), &known.centre_mm)).collect();
+        let (x, errors) = (6 * self.poses.len(), self.camera.vector());
+        let mut by_pair = std::collections::BTreeMap::<[usize; 2], SVector<f64, SHARED>>::new();
+        for tie in &camera.ties {
+            let [i, j] = tie.views;
+            let moved = done[i] - done[j];
+            let left = tie.motion_pull - tie.motion * moved - tie.with_motion * errors;
+            let own = tie.pull - tie.with_motion.tr_mul(&moved) - tie.information * errors;
+            let rows = |at: usize| self.covariance.fixed_view::<SHARED, 6>(x, at);
+            let camera = self.covariance.fixed_view::<SHARED, 5>(x, x + 6);
+            let does = rows(6 * i) * left - rows(6 * j) * left + camera * own;
+            *by_pair.entry([i.min(j), i.max(j)]).or_insert_with(SVector::zeros) += does;
+        }
+        for does in by_pair.values() {
+            sum += does * does.transpose();
+        }
+        sum
+    }
+
+    /// Covariance of what poses and camera together do to the middle of the work: six numbers of each view, rad and mm.
+    pub(super) fn of_rigid_motions(&self, centre_mm: &Point3<f64>) -> DMatrix<f64> {
+        let n = 6 * self.poses.len();
+        let mut of_all = DMatrix::identity(n, n + SHARED);
+        for (k, pose) in self.poses.iter().enumerate() {
+            let turn = pose.rotation.to_rotation_matrix();
+            let rigid = camera::moved_rigidly(&pose.inverse_transform_point(centre_mm));
+            for part in [0, 3] {
+                let in_base = turn.matrix() * rigid.fixed_view::<3, 5>(part, 0);
+                of_all.fixed_view_mut::<3, 5>(6 * k + part, n + 6).copy_from(&in_base);
+            }
+        }
+        &of_all * &self.covariance * of_all.transpose()
+    }
+
+    /// Hand-eye motion and the camera's errors as one column.
+    fn shared(&self) -> SVector<f64, SHARED> {
+        let mut shared = SVector::<f64, SHARED>::zeros();
+        shared.fixed_rows_mut::<6>(0).copy_from(&parameters(&self.hand_eye, &Point3::origin()));
+        shared.fixed_rows_mut::<5>(6).copy_from(&self.camera.vector());
+        shared
     }
 
     /// The surfaces know where each view is against the first, and nothing of where all of them are.
@@ -129,7 +168,26 @@ impl Adjusted {
             done.fixed_rows_mut::<6>(6 * k).copy_from(&against_first);
         }
         let seen = &known.surfaces.information;
-        let left = &known.surfaces.pull - seen * done;
+        let mut left = &known.surfaces.pull - seen * &done;
+        if let Some(camera) = &known.surfaces.camera {
+            let errors = self.camera.vector();
+            left -= &camera.with_poses * errors;
+            let at = 6 * self.poses.len() + 6;
+            let own = camera.pull - camera.with_poses.tr_mul(&done) - camera.information * errors;
+            let mut part = pull.fixed_rows_mut::<5>(at);
+            part += own;
+            let mut part = information.fixed_view_mut::<5, 5>(at, at);
+            part += camera.information;
+            for k in 0..others {
+                let block = camera.with_poses.fixed_view::<6, 5>(6 * k, 0);
+                for (view, sign) in [(k + 1, 1.0), (0, -1.0)] {
+                    let mut part = information.fixed_view_mut::<6, 5>(6 * view, at);
+                    part += block * sign;
+                    let mut part = information.fixed_view_mut::<5, 6>(at, 6 * view);
+                    part += block.transpose() * sign;
+                }
+            }
+        }
         for k in 0..others {
             let own = left.fixed_rows::<6>(6 * k);
             let mut part = pull.fixed_rows_mut::<6>(6 * (k + 1));
@@ -162,9 +220,12 @@ impl Adjusted {
         (stacked(&turn, &shift), row)
     }
 
-    fn pose_weights(&self, known: &Known) -> Vector6<f64> {
-        let [turn, shift] = self.scale;
-        weights_of(turn * known.cell.robot_deg.to_radians(), shift * known.cell.robot_mm)
+    fn pose_weights(&self, known: &Known, view: usize) -> Vector6<f64> {
+        let ([turn, shift], prior) = (self.scale, known.prior);
+        if prior.first_exact && view == 0 {
+            return weights_of(EXACT_RAD, EXACT_MM);
+        }
+        weights_of(turn * prior.robot_rad, shift * prior.robot_mm)
     }
 
     fn apply(&mut self, step: &DVector<f64>, centre_mm: &Point3<f64>) {
@@ -173,16 +234,19 @@ impl Adjusted {
             *pose = motion(&step.fixed_rows::<6>(6 * k).into_owned(), centre_mm) * *pose;
         }
         self.hand_eye *= motion(&step.fixed_rows::<6>(6 * views).into_owned(), &Point3::origin());
+        let further: Vector5<f64> = step.fixed_rows::<5>(6 * views + 6).into_owned();
+        self.camera = CameraErrors::from_vector(&(self.camera.vector() + further));
     }
 
     /// Estimates the scatter of the robot's poses from what is left of them, orientation and position each (Helmert's
     /// estimate of variance components), with what was stated as some observations more.
     fn rescale(&mut self, known: &Known) {
-        let (x, weights) = (6 * self.poses.len(), self.pose_weights(known));
-        let stated = weights_of(known.cell.robot_deg.to_radians(), known.cell.robot_mm);
+        let x = 6 * self.poses.len();
+        let stated = weights_of(known.prior.robot_rad, known.prior.robot_mm);
         let (mut squares, mut freedom) = ([STATED_FREEDOM; 2], [STATED_FREEDOM; 2]);
-        for k in 0..self.poses.len() {
+        for k in usize::from(known.prior.first_exact)..self.poses.len() {
             let (left, row) = self.pose_row(known, k);
+            let weights = self.pose_weights(known, k);
             let mut own = SMatrix::<f64, 12, 12>::zeros();
             for (a, at) in [(0, 6 * k), (6, x)] {
                 for (b, to) in [(0, 6 * k), (6, x)] {

@@ -5,10 +5,11 @@
 
 use super::correspondence::Match;
 use super::source::{PatchSurface, SourceView};
-use super::system::{Block, PatchPair, Solution, System};
-use super::{ReconstructionConfig, Registration, fitness};
+use super::system::{Block, CameraBlock, PatchPair, Solution, System};
+use super::{ReconstructionConfig, Registration, SurfaceEvidence, fitness};
 use crate::geometry::cloud::View;
 use crate::geometry::statistics::robust_deviation;
+use crate::model::camera::{CameraEvidence, TieEvidence};
 use crate::model::normals::Patches;
 use nalgebra::{
     DMatrix, Isometry3, Matrix6, Point3, Rotation3, Translation3, UnitQuaternion, Vector3, Vector6,
@@ -166,16 +167,31 @@ impl RegistrationProblem {
             .solution
             .as_ref()
             .map_or_else(|| DMatrix::zeros(unknowns, unknowns), Solution::covariance);
+        let evidence = reached.solution.as_ref().map(Solution::evidence);
+        let camera =
+            reached.solution.as_ref().map(|solution| self.camera_evidence(solution, reached.residual_mm));
+        let evidence = evidence.map(|surfaces| SurfaceEvidence { camera, ..surfaces });
         Registration {
             base_from_camera: self.poses,
             fitness: seen.fitness,
             overlap: seen.overlap,
             covariance,
-            evidence: reached.solution.as_ref().map(Solution::evidence),
+            evidence,
             base_covariance: None,
             centre_mm: self.centre_mm,
             residual_mm: reached.residual_mm,
         }
+    }
+
+    /// What the pairs of the last step tell of the camera's own errors.
+    fn camera_evidence(&self, solution: &Solution, scale: f64) -> CameraEvidence {
+        let (poses, centre_mm) = (&self.poses, &self.centre_mm);
+        let ties: Vec<TieEvidence> =
+            self.ties.par_iter().map(|tie| tie.evidence(scale, poses, centre_mm)).collect();
+        let mut evidence = CameraEvidence::new(self.sources.len() - 1);
+        ties.into_iter().for_each(|tie| evidence.add(tie));
+        solution.believed(&mut evidence);
+        evidence
     }
 
     /// One linear step of all views, eq. (6).
@@ -299,6 +315,14 @@ impl Tie {
         let mut block = Block::default();
         self.pairs.iter().for_each(|pair| block.add(pair, scale));
         block.turned(&poses[self.j].rotation)
+    }
+
+    /// What the pairs tell of the motion and of the camera's own errors.
+    fn evidence(&self, scale: f64, poses: &[Isometry3<f64>], centre_mm: &Point3<f64>) -> TieEvidence {
+        let pose = &poses[self.j];
+        let centre = pose.inverse_transform_point(centre_mm).coords;
+        let camera = CameraBlock::of(&self.pairs, scale, &centre, &(pose.inverse() * poses[self.i]));
+        camera.beside(&self.block(scale, poses), [self.i, self.j], &pose.rotation)
     }
 }
 

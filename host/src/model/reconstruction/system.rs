@@ -2,7 +2,11 @@
 
 use super::SurfaceEvidence;
 use crate::geometry::point_to_plane;
-use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix6, UnitQuaternion, Vector3, Vector6};
+use crate::model::camera::{self, CameraEvidence, TieEvidence};
+use nalgebra::{
+    Cholesky, DMatrix, DVector, Dyn, Isometry3, Matrix3x5, Matrix5, Matrix6, Matrix6x5, Point3,
+    UnitQuaternion, Vector3, Vector5, Vector6,
+};
 
 /// Share of information, of a motion that every pair sees in full, below which a motion counts as unseen.
 const UNSEEN: f64 = 1e-4;
@@ -27,10 +31,17 @@ pub(super) struct Block {
     weight: f64,
 }
 
+impl PatchPair {
+    /// Robust weight (Geman-McClure), 1/mm².
+    fn weight(&self, scale: f64) -> f64 {
+        f64::from(self.weight) / (1.0 + (f64::from(self.residual_mm) / (2.0 * scale)).powi(2)).powi(2)
+    }
+}
+
 impl Block {
     pub(super) fn add(&mut self, p: &PatchPair, scale: f64) {
         let (residual_mm, own_residual_mm) = (f64::from(p.residual_mm), f64::from(p.own_residual_mm));
-        let w = f64::from(p.weight) / (1.0 + (residual_mm / (2.0 * scale)).powi(2)).powi(2);
+        let w = p.weight(scale);
         // Two normals of one surface with independent noise: their product is unbiased where a square is not, so noise
         // does not pass for information (instrumental variables).
         let arm = p.arm.cast();
@@ -43,14 +54,75 @@ impl Block {
 
     /// The same with its axes turned from the target's frame into the base frame, its two products averaged.
     pub(super) fn turned(&self, turn: &UnitQuaternion<f64>) -> Self {
-        let turn = turn.to_rotation_matrix();
-        let mut both = Matrix6::zeros();
-        both.fixed_view_mut::<3, 3>(0, 0).copy_from(turn.matrix());
-        both.fixed_view_mut::<3, 3>(3, 3).copy_from(turn.matrix());
+        let both = in_base(turn);
         let symmetric = (self.information + self.information.transpose()) * 0.5;
         let information = both * symmetric * both.transpose();
         Self { information, pull: both * self.pull, weight: self.weight }
     }
+}
+
+/// What the pairs between two views tell of the camera's errors: normal equations beside those of their motion.
+pub(super) struct CameraBlock {
+    with_motion: Matrix6x5<f64>,
+    information: Matrix5<f64>,
+    pull: Vector5<f64>,
+}
+
+impl CameraBlock {
+    /// Of pairs in the target's frame, whose `centre` is there, and which the source sees from `target_from_source`.
+    pub(super) fn of(
+        pairs: &[PatchPair],
+        scale: f64,
+        centre: &Vector3<f64>,
+        target_from_source: &Isometry3<f64>,
+    ) -> Self {
+        let mut sum =
+            Self { with_motion: Matrix6x5::zeros(), information: Matrix5::zeros(), pull: Vector5::zeros() };
+        let turn = target_from_source.rotation.to_rotation_matrix();
+        for pair in pairs {
+            let (residual_mm, own_residual_mm) =
+                (f64::from(pair.residual_mm), f64::from(pair.own_residual_mm));
+            let w = pair.weight(scale);
+            let (arm, other, own): (Vector3<f64>, Vector3<f64>, Vector3<f64>) =
+                (pair.arm.cast(), pair.normal.cast(), pair.own_normal.cast());
+            let here = Point3::from(arm + centre);
+            let there = target_from_source.inverse_transform_point(&here);
+            let apart: Matrix3x5<f64> = turn.matrix() * camera::moved(&there) - camera::moved(&here);
+            // Products of both normals, as above.
+            let of = |normal: &Vector3<f64>| (point_to_plane::row(&arm, normal), apart.tr_mul(normal));
+            let ((own_row, own), (other_row, other)) = (of(&own), of(&other));
+            sum.information += (own * other.transpose() + other * own.transpose()) * (0.5 * w);
+            sum.with_motion += (own_row * other.transpose() + other_row * own.transpose()) * (0.5 * w);
+            sum.pull -= own * (0.5 * w * residual_mm) + other * (0.5 * w * own_residual_mm);
+        }
+        sum
+    }
+
+    /// Beside the equations of the motion, whose axes are turned already; the axes of the target are `turn` in the base frame.
+    pub(super) fn beside(
+        &self,
+        motion: &Block,
+        views: [usize; 2],
+        turn: &UnitQuaternion<f64>,
+    ) -> TieEvidence {
+        TieEvidence {
+            views,
+            motion: motion.information,
+            motion_pull: motion.pull,
+            with_motion: in_base(turn) * self.with_motion,
+            information: self.information,
+            pull: self.pull,
+        }
+    }
+}
+
+/// Turns both parts of a motion into the base frame.
+fn in_base(turn: &UnitQuaternion<f64>) -> Matrix6<f64> {
+    let turn = turn.to_rotation_matrix();
+    let mut both = Matrix6::zeros();
+    both.fixed_view_mut::<3, 3>(0, 0).copy_from(turn.matrix());
+    both.fixed_view_mut::<3, 3>(3, 3).copy_from(turn.matrix());
+    both
 }
 
 /// The joint system of all views but the first in units in which every unknown is a length.
@@ -145,8 +217,40 @@ impl Solution {
         SurfaceEvidence {
             information: DMatrix::from_fn(n, n, |r, c| self.seen[(r, c)] / (unit[r] * unit[c])),
             pull: self.left.component_div(unit),
+            camera: None,
         }
     }
+
+    /// Makes what is told of the camera fit what is believed of the increments: where `B` of their information `P = B + u I` is
+    /// believed, `B P^-1` of what both have in common is. With the increments eliminated the same is told of the camera as
+    /// before, so that what a motion of the views does just as well stays untold.
+    pub(super) fn believed(&self, camera: &mut CameraEvidence) {
+        let n = self.unit.len();
+        let Some(whole) = (&self.seen + DMatrix::identity(n, n) * UNSEEN).cholesky() else { return };
+        let scale = |m: &mut DMatrix<f64>, by: &DVector<f64>| {
+            m.row_iter_mut().zip(by.iter()).for_each(|(mut row, by)| row *= *by);
+        };
+        scale(&mut camera.with_poses, &self.unit);
+        let instead = whole.solve(&camera.with_poses);
+        let held_back = whole.solve(&self.left);
+        let believed = &self.seen * &instead;
+        let common: Matrix5<f64> = instead.tr_mul(&believed).fixed_view::<5, 5>(0, 0).into_owned();
+        let held: Matrix5<f64> = (instead.tr_mul(&instead) * UNSEEN).fixed_view::<5, 5>(0, 0).into_owned();
+        camera.information = common + possible(&(camera.information - common - held));
+        camera.pull -= (instead.tr_mul(&held_back) * UNSEEN).fixed_rows::<5>(0);
+        camera.with_poses = believed;
+        scale(&mut camera.with_poses, &self.unit.map(|unit| 1.0 / unit));
+    }
+}
+
+/// Information without what noise made less than none, in errors of usual size.
+fn possible(information: &Matrix5<f64>) -> Matrix5<f64> {
+    let usual = Matrix5::from_diagonal(&camera::usual());
+    let eigen = (usual * information * usual).symmetric_eigen();
+    let kept = Matrix5::from_diagonal(&eigen.eigenvalues.map(|value| value.max(0.0)));
+    let scaled = eigen.eigenvectors * kept * eigen.eigenvectors.transpose();
+    let back = Matrix5::from_diagonal(&camera::usual().map(|size| 1.0 / size));
+    back * scaled * back
 }
 
 /// Of information and pull, along each eigenvector of the information, what exceeds the normals' noise.

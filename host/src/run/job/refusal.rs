@@ -4,13 +4,13 @@ use std::path::{Path, PathBuf};
 
 use super::layer::{self, Weld};
 use super::robot::RobotSettings;
-use super::{Job, MethodName};
+use super::{Job, MethodName, calibration};
 
 /// Why a job file is refused.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Error {
     /// The file cannot be read at all.
-    #[error("cannot read job file {}: {why}", path.display())]
+    #[error("cannot read {}: {why}", path.display())]
     Unreadable {
         /// The file.
         path: PathBuf,
@@ -72,6 +72,9 @@ pub(super) fn check(job: &Job, text: &str, path: &Path) -> Result<(), Error> {
     if let Some((key, why)) = faults.into_iter().flatten().next() {
         let hint = "docs/feasibility.md lists the keys of [robot] and [torch_body]";
         return refuse(line_of_key(text, key), &why, hint);
+    }
+    if let Some((key, why)) = job.scan.calibration.as_ref().and_then(|c| c.fault()) {
+        return refuse(line_of_key(text, key), &format!("{key}: {why}"), calibration::HINT);
     }
     if let Some(id) = twice(&job.selection.seams) {
         return refuse(
@@ -136,6 +139,11 @@ fn line_of_key(text: &str, key: &str) -> usize {
         name == key || name.rsplit('.').next() == Some(key)
     };
     1 + text.lines().position(is_it).unwrap_or(0)
+}
+
+/// A key of a file whose value makes no sense.
+pub(super) fn of_key(text: &str, path: &Path, key: &str, why: &str, hint: &str) -> Error {
+    Error::Line { path: path.into(), line: line_of_key(text, key), why: why.into(), hint: hint.into() }
 }
 
 /// What TOML or a type of the job refuses.

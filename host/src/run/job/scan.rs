@@ -3,6 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::calibration::CalibrationSettings;
 use super::quantity::{HandEyeDeg, HandEyeMm, RobotDeg, RobotMm};
 use crate::pipeline::{Anchor, CellAccuracy};
 
@@ -20,6 +21,9 @@ pub struct ScanSettings {
     pub hand_eye_mm: HandEyeMm,
     /// The same of its orientation.
     pub hand_eye_deg: HandEyeDeg,
+    /// What `weldpath calibrate` found, in place of the two above.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub calibration: Option<CalibrationSettings>,
 }
 
 /// What holds the model in the robot's base frame.
@@ -39,12 +43,17 @@ impl ScanSettings {
     pub fn anchor(&self) -> Anchor {
         match self.anchor {
             AnchorName::First => Anchor::First,
-            AnchorName::Robot => Anchor::Cell(CellAccuracy {
-                robot_mm: self.robot_mm.get(),
-                robot_deg: self.robot_deg.get(),
-                hand_eye_mm: self.hand_eye_mm.get(),
-                hand_eye_deg: self.hand_eye_deg.get(),
-            }),
+            AnchorName::Robot => Anchor::Cell(self.cell()),
+        }
+    }
+
+    /// How exact the cell is stated to be.
+    pub fn cell(&self) -> CellAccuracy {
+        CellAccuracy {
+            robot_mm: self.robot_mm.get(),
+            robot_deg: self.robot_deg.get(),
+            hand_eye_mm: self.hand_eye_mm.get(),
+            hand_eye_deg: self.hand_eye_deg.get(),
         }
     }
 }

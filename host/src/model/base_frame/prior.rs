@@ -1,0 +1,104 @@
+//! What is known of robot, hand-eye transform and camera before a scan is looked at.
+
+use super::{Anchor, Calibration, Stated};
+use crate::model::camera;
+use nalgebra::{SMatrix, SVector};
+
+/// Unknowns that all views share: hand-eye motion (turn, shift) and five errors of the camera.
+pub(super) const SHARED: usize = 11;
+
+/// One standard deviation of a hand-eye transform that is exact, mm and rad; and share of a camera's usual errors.
+const EXACT_MM: f64 = 1e-4;
+const EXACT_RAD: f64 = 1e-7;
+const EXACT_SHARE: f64 = 1e-4;
+/// One standard deviation of a pose that nobody stated, where the first is exact, mm and degrees: those of registration.
+const GUESSED_MM: f64 = 1.5;
+const GUESSED_RAD: f64 = 0.008;
+
+/// One standard deviation, each axis, of what nobody measured.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CellAccuracy {
+    /// Position that the robot reports, mm.
+    pub robot_mm: f64,
+    /// Its orientation, degrees.
+    pub robot_deg: f64,
+    /// Position of the camera on the flange, mm.
+    pub hand_eye_mm: f64,
+    /// Its orientation, degrees.
+    pub hand_eye_deg: f64,
+}
+
+/// An arm of everyday quality, and a hand-eye calibration by hand with a board.
+impl Default for CellAccuracy {
+    fn default() -> Self {
+        Self { robot_mm: 0.3, robot_deg: 0.05, hand_eye_mm: 3.0, hand_eye_deg: 1.0 }
+    }
+}
+
+/// As the adjustment takes it.
+#[derive(Debug, Clone)]
+pub(super) struct Prior {
+    /// One standard deviation of a position that the robot reports, each axis, mm.
+    pub(super) robot_mm: f64,
+    /// The same of its orientation, rad.
+    pub(super) robot_rad: f64,
+    /// Whether the first view's pose is exact.
+    pub(super) first_exact: bool,
+    /// Information of what all views share.
+    pub(super) shared: SMatrix<f64, SHARED, SHARED>,
+    /// What of it is taken out already: the prior is about nothing at all.
+    pub(super) taken_out: SVector<f64, SHARED>,
+}
+
+impl Prior {
+    /// Of what is stated, with a camera of unknown errors.
+    pub(super) fn of(stated: &Stated) -> Self {
+        let (robot_mm, robot_rad, [turn, shift], first_exact) = match stated.anchor {
+            Anchor::Cell(cell) => {
+                let hand_eye = [cell.hand_eye_deg.to_radians(), cell.hand_eye_mm];
+                (cell.robot_mm, cell.robot_deg.to_radians(), hand_eye, false)
+            }
+            Anchor::First => (GUESSED_MM, GUESSED_RAD, [EXACT_RAD, EXACT_MM], true),
+        };
+        let nothing = || information(turn, shift, 1.0);
+        let shared = stated.calibration.and_then(Calibration::information).unwrap_or_else(nothing);
+        let mut pulled = SVector::<f64, SHARED>::zeros();
+        if let Some(errors) = stated.taken_out {
+            pulled.fixed_rows_mut::<5>(6).copy_from(&errors.vector());
+        }
+        Self { robot_mm, robot_rad, first_exact, shared, taken_out: pulled }
+    }
+
+    /// The same with a camera whose depth scale is right: surfaces do not tell it, as larger work farther from cameras that
+    /// are farther apart looks the same.
+    pub(super) fn with_exact_scale(&self) -> Self {
+        let mut shared = self.shared;
+        shared.row_mut(6).fill(0.0);
+        shared.column_mut(6).fill(0.0);
+        shared[(6, 6)] = information(1.0, 1.0, EXACT_SHARE)[(6, 6)];
+        Self { shared, ..self.clone() }
+    }
+
+    /// The same with a camera that has no errors.
+    pub(super) fn with_exact_camera(&self) -> Self {
+        let mut shared = self.shared;
+        shared.fixed_view_mut::<5, 6>(6, 0).fill(0.0);
+        shared.fixed_view_mut::<6, 5>(0, 6).fill(0.0);
+        let exact = information(1.0, 1.0, EXACT_SHARE);
+        shared.fixed_view_mut::<5, 5>(6, 6).copy_from(&exact.fixed_view::<5, 5>(6, 6));
+        Self { shared, taken_out: SVector::zeros(), ..self.clone() }
+    }
+}
+
+/// Standard deviations of what all views share.
+pub(super) fn usual(turn_rad: f64, shift_mm: f64, camera_share: f64) -> SVector<f64, SHARED> {
+    let mut sigma = SVector::<f64, SHARED>::zeros();
+    sigma.fixed_rows_mut::<3>(0).fill(turn_rad);
+    sigma.fixed_rows_mut::<3>(3).fill(shift_mm);
+    sigma.fixed_rows_mut::<5>(6).copy_from(&(camera::usual() * camera_share));
+    sigma
+}
+
+fn information(turn_rad: f64, shift_mm: f64, camera_share: f64) -> SMatrix<f64, SHARED, SHARED> {
+    SMatrix::from_diagonal(&usual(turn_rad, shift_mm, camera_share).map(|s| s.powi(-2)))
+}
