@@ -9,6 +9,7 @@ use weldpath::lab::simulation::{CellErrors, Part, Request, SensorErrors, simulat
 use weldpath::output::csv;
 use weldpath::pipeline::calibration::{self, Error, Loose};
 use weldpath::pipeline::{self, Anchor, Calibration, CellAccuracy, Config, Plan};
+use weldpath_tests::command::weldpath;
 
 const CELL: CellErrors = CellErrors {
     hand_eye_mm: 2.0,
@@ -87,6 +88,36 @@ fn three_scans_of_a_cell_tell_its_camera_and_a_fourth_is_planned_nearer_to_the_t
         assert!(b < 2.0 * stated[1] && stated[1] < stated[0], "{b} {stated:?}");
     }
     assert!((knowing / 3.0).sqrt() < 0.7 && knowing < alone, "{knowing} {alone}");
+}
+
+#[test]
+fn the_command_writes_what_plan_reads_and_its_job_replays() {
+    let home = tempfile::tempdir().unwrap();
+    let run = |args: &str, ends: i32| {
+        let output = weldpath().args(args.split(' ')).current_dir(home.path()).output().unwrap();
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(ends), "{args}: {said}");
+        (String::from_utf8_lossy(&output.stdout).into_owned(), said)
+    };
+    let cell =
+        "--size 320x240 --hand-eye-mm 2 --robot-mm 0.1 --robot-deg 0.03 --cell-seed 7 --focal-percent 1";
+    run(&format!("simulate --part branch --seed 5 --out a {cell}"), 0);
+    run(&format!("simulate --part fillet --seed 6 --out b {cell}"), 0);
+    let (told, _) = run("calibrate a b --out cell/calibration.toml", 0);
+    assert!(
+        told.contains("focal length larger than stated by") && told.contains("a: 8 of 8 views"),
+        "{told}"
+    );
+    let (_, said) = run("plan b --calibration cell/calibration.toml --out out --quiet --no-report", 0);
+    run("plan --job out/job.toml --out again --quiet --no-report", 0);
+    let path = |folder: &str| std::fs::read(home.path().join(folder).join("path.csv")).unwrap();
+    assert_eq!(path("out"), path("again"), "{said}");
+    run("plan b --out without --quiet --no-report", 0);
+    assert_ne!(path("out"), path("without"));
+    let (_, said) = run("calibrate a/view_000.png --out c.toml", 4);
+    assert!(said.contains("view_000.png"), "{said}");
+    let (_, said) = run("plan b --calibration a/scan.json --out out2", 2);
+    assert!(said.contains("scan.json") && said.contains("weldpath calibrate"), "{said}");
 }
 
 #[test]

@@ -6,7 +6,8 @@ use std::process::Command;
 
 use weldpath_tests::command::weldpath;
 
-const SUBCOMMANDS: [&str; 13] = [
+const SUBCOMMANDS: [&str; 14] = [
+    "calibrate",
     "plan",
     "open",
     "simulate",

@@ -69,7 +69,10 @@ fn one_touch_shifts_a_plan_and_three_turn_it_to_where_the_seam_is() {
         one += errors[1].powi(2);
         three += errors[2].powi(2);
         honest += errors.iter().zip(stated).filter(|(real, stated)| **real < 2.0 * stated).count();
-        assert!(stated[1] < stated[0] + 1e-9 && stated[2] < stated[1], "touches make a plan surer: {stated:?}");
+        assert!(
+            stated[1] < stated[0] + 1e-9 && stated[2] < stated[1],
+            "touches make a plan surer: {stated:?}"
+        );
         assert_eq!(plans[2].touch.as_ref().expect("touched").residuals.len(), 3);
     }
     let rms = |sum: f64| (sum / scans.len() as f64).sqrt();

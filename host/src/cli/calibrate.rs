@@ -96,7 +96,15 @@ fn one(
     if scan.frame != CloudFrame::Base {
         return Err(named(&calibration::Error::NoPoses).hint(hint));
     }
-    calibration::calibrate(&scan.views, known, cell).map_err(|error| named(&error).hint(hint))
+    calibration::calibrate(&scan.views, known, cell).map_err(|error| {
+        named(&error).hint(match error {
+            calibration::Error::Scattered { .. } => {
+                "state how exact the robot is with --robot-mm and --robot-deg, or look for the view whose pose is wrong"
+            }
+            calibration::Error::BeyondRepair => "docs/scan.md says which transform and which pose are meant",
+            _ => hint,
+        })
+    })
 }
 
 fn row(path: &Path, scan: &Calibrating) -> String {

@@ -54,6 +54,13 @@ const EXAMPLES: &[(&str, &[(&str, &str)])] = &[
             ),
         ],
     ),
+    (
+        "calibrate",
+        &[
+            ("weldpath calibrate scan1 scan2 scan3", "three parts that the same cell scanned"),
+            ("weldpath plan scan4 --calibration calibration.toml", "the next one, with what they told"),
+        ],
+    ),
     ("refit", &[("weldpath refit out new_scan --out refitted", "the saved program, where the part is now")]),
     ("doctor", &[("weldpath doctor > doctor.txt", "to send along with a question")]),
     ("schema", &[("weldpath schema > job.schema.json", "for an editor that completes and checks job files")]),

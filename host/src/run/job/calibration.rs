@@ -62,7 +62,8 @@ impl CalibrationSettings {
     pub fn read(path: &Path) -> Result<Self, Error> {
         let text = reading::text(path, reading::MOST_JOB)
             .map_err(|error| Error::Unreadable { path: path.into(), why: error.to_string() })?;
-        let read: Self = toml::from_str(&text).map_err(|error| refusal::of_toml(&text, path, &error))?;
+        let read: Self =
+            toml::from_str(&text).map_err(|error| refusal::of_toml(&text, path, &error).with_hint(HINT))?;
         match read.fault() {
             None => Ok(read),
             Some((key, why)) => Err(refusal::of_key(&text, path, key, &why, HINT)),
@@ -122,7 +123,7 @@ impl CalibrationSettings {
 }
 
 /// What to do about a calibration that is none.
-pub(super) const HINT: &str = "`weldpath calibrate` writes one";
+pub(super) const HINT: &str = "`weldpath calibrate` writes one; docs/formats.md lists its keys";
 
 #[cfg(test)]
 mod tests {

@@ -39,6 +39,14 @@ impl Error {
         }
     }
 
+    /// The same with another way out, where it is a line's.
+    pub(super) fn with_hint(self, hint: &str) -> Self {
+        match self {
+            Self::Line { path, line, why, .. } => Self::Line { path, line, why, hint: hint.into() },
+            unreadable => unreadable,
+        }
+    }
+
     /// What to do about it.
     pub fn hint(&self) -> &str {
         match self {
