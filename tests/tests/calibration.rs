@@ -150,6 +150,8 @@ fn a_camera_that_is_as_it_says_is_left_as_it_is_whatever_else_it_does_wrong() {
         (Part::Fillet, 97, rounds),
         (Part::Fillet, 98, fills),
         (Part::ButtV, 97, rounds),
+        (Part::Pipe, 97, rounds),
+        (Part::Pipe, 98, fills),
     ] {
         let (scan, _) = of_cell(part, seed, sensor);
         let found = planned(&scan, &Config::default()).camera.expect("several views");

@@ -25,8 +25,8 @@ const SIGNIFICANT: f64 = 20.1;
 /// find a motion as seldom (quantiles of Fisher's F for 6 and 12 to 40).
 const LOOSE_FREEDOM: f64 = 9.0;
 
-/// Of the squared size of a camera's errors in standard deviations, five numbers: by chance larger in one of 370 scans.
-const SIGNIFICANT_CAMERA: f64 = 18.2;
+/// Of the squared size of a camera's errors in standard deviations, focal length and k1: by chance larger in one of 370 scans.
+const SIGNIFICANT_CAMERA: f64 = 11.8;
 
 /// What holds the model in the base frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -136,16 +136,19 @@ pub fn locate(stated: &Stated, registration: &Registration) -> Option<Location> 
     let adjusted = |prior: &Prior| Adjusted::new(&Known { reported, registered, surfaces, centre_mm, prior });
     // The camera's errors move nothing until they are taken out of the points; what is not known of them is an error. Where
     // nobody looked for them, the camera counts as exact.
+    let with_contradictions = |prior: Prior| {
+        let adjusted = adjusted(&prior)?;
+        let more =
+            adjusted.contradictions(&Known { reported, registered, surfaces, centre_mm, prior: &prior });
+        Some((adjusted, more))
+    };
     let exact = adjusted(&prior.with_exact_camera())?;
     let looked_for = surfaces.camera.is_some();
-    let (told_prior, free) = match looked_for {
-        true => (prior.with_exact_scale(), adjusted(&prior)?),
-        false => (prior.with_exact_camera(), adjusted(&prior.with_exact_camera())?),
-    };
-    let told = adjusted(&told_prior)?;
-    let contradictions =
-        told.contradictions(&Known { reported, registered, surfaces, centre_mm, prior: &told_prior });
-    let camera = looked_for.then(|| finding(&told, &contradictions)).flatten();
+    let free = if looked_for { adjusted(&prior)? } else { adjusted(&prior.with_exact_camera())? };
+    let plain = with_contradictions(prior.with_exact_scale_and_axis())?;
+    let told = with_contradictions(prior.with_exact_scale())?;
+    let camera = if looked_for { finding(&plain, &told) } else { None };
+    let (told, contradictions) = told;
     let hand_eye = correction(&exact, &free, stated.beyond_repair)?;
     let mut covariance = free.of_rigid_motions(&centre_mm);
     if !hand_eye.is_applied {
@@ -178,19 +181,27 @@ impl Location {
     }
 }
 
-/// The camera's errors as the views tell them.
-fn finding(adjusted: &Adjusted, contradictions: &SMatrix<f64, SHARED, SHARED>) -> Option<CameraFinding> {
-    let at = adjusted.covariance.nrows() - 5;
-    let formal: Matrix5<f64> = adjusted.covariance.fixed_view::<5, 5>(at, at).into_owned();
-    let covariance = formal + contradictions.fixed_view::<5, 5>(6, 6);
-    let found = adjusted.camera.vector();
-    let squared = found.dot(&covariance.cholesky()?.solve(&found));
-    let most = SIGNIFICANT_CAMERA * (1.0 + LOOSE_FREEDOM / adjusted.freedom);
+/// An adjustment, and what contradictions add to the covariance of what all views share.
+type Checked = (Adjusted, SMatrix<f64, SHARED, SHARED>);
+
+/// The camera's errors as the views tell them: whether there are any is asked with the optical axis where it is stated, since
+/// what bends faces near their ends passes for an axis that is off; how large they are, with the axis free.
+fn finding(plain: &Checked, told: &Checked) -> Option<CameraFinding> {
+    let [asked, found] = [plain, told].map(|(adjusted, contradictions)| {
+        let at = adjusted.covariance.nrows() - 5;
+        let formal: Matrix5<f64> = adjusted.covariance.fixed_view::<5, 5>(at, at).into_owned();
+        (adjusted, formal + contradictions.fixed_view::<5, 5>(6, 6))
+    });
+    let squared = |(adjusted, covariance): &(&Adjusted, Matrix5<f64>)| {
+        let errors = adjusted.camera.vector();
+        Some(errors.dot(&covariance.cholesky()?.solve(&errors)))
+    };
+    let most = SIGNIFICANT_CAMERA * (1.0 + LOOSE_FREEDOM / asked.0.freedom);
     Some(CameraFinding {
-        errors: adjusted.camera,
-        sigma: CameraErrors::from_vector(&covariance.diagonal().map(|v| v.max(0.0).sqrt())),
-        is_significant: squared > most && !is_scattered(adjusted.scale),
-        is_settled: squared < SETTLED_CAMERA,
+        errors: found.0.camera,
+        sigma: CameraErrors::from_vector(&found.1.diagonal().map(|v| v.max(0.0).sqrt())),
+        is_significant: squared(&asked)? > most && !is_scattered(asked.0.scale),
+        is_settled: squared(&found)? < SETTLED_CAMERA,
     })
 }
 

@@ -8,9 +8,11 @@
 use crate::geometry::cloud::View;
 use crate::model::normals::Patches;
 use nalgebra::{
-    DMatrix, Matrix3, Matrix3x5, Matrix5, Matrix6, Matrix6x5, Point3, SMatrix, Vector3, Vector5, Vector6,
+    DMatrix, DVector, Matrix3, Matrix3x5, Matrix5, Matrix6, Matrix6x5, Point3, SMatrix, Vector3, Vector5,
+    Vector6,
 };
 use rayon::prelude::*;
+use std::collections::BTreeMap;
 
 /// One standard deviation of what a camera's own calibration leaves, where nobody states it: depth scale and focal length
 /// 0.5 %, which depth cameras keep at short range (Intel's D400 data sheet allows 2 %, its tuning guide expects well below
@@ -147,6 +149,24 @@ impl CameraEvidence {
             pull: Vector5::zeros(),
             ties: Vec::new(),
         }
+    }
+
+    /// What pairs of views that contradict each other add to the covariance of the motions of all views but the first: the
+    /// outer products of what each pair's own residuals do to the solution.
+    pub(super) fn contradictions(&self, covariance: &DMatrix<f64>) -> DMatrix<f64> {
+        let n = covariance.nrows();
+        let mut by_pair = BTreeMap::<[usize; 2], DVector<f64>>::new();
+        for tie in &self.ties {
+            let [i, j] = tie.views;
+            let does = by_pair.entry([i.min(j), i.max(j)]).or_insert_with(|| DVector::zeros(n));
+            for (view, sign) in [(i, 1.0), (j, -1.0)] {
+                let Some(k) = view.checked_sub(1) else { continue };
+                *does += covariance.columns(6 * k, 6) * (tie.motion_pull * sign);
+            }
+        }
+        let mut sum = DMatrix::zeros(n, n);
+        by_pair.values().for_each(|does| sum.ger(1.0, does, does, 1.0));
+        sum
     }
 
     /// Adds what a pair of views tells.

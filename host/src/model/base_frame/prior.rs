@@ -72,10 +72,22 @@ impl Prior {
     /// The same with a camera whose depth scale is right: surfaces do not tell it, as larger work farther from cameras that
     /// are farther apart looks the same.
     pub(super) fn with_exact_scale(&self) -> Self {
-        let mut shared = self.shared;
-        shared.row_mut(6).fill(0.0);
-        shared.column_mut(6).fill(0.0);
-        shared[(6, 6)] = information(1.0, 1.0, EXACT_SHARE)[(6, 6)];
+        self.with_exact(&[6])
+    }
+
+    /// The same with its optical axis, too, which a turn of the camera does as well but for little: where all views look down on
+    /// the work at about one angle, whatever bends the faces near their ends passes for it.
+    pub(super) fn with_exact_scale_and_axis(&self) -> Self {
+        self.with_exact(&[6, 8, 9])
+    }
+
+    fn with_exact(&self, places: &[usize]) -> Self {
+        let (mut shared, exact) = (self.shared, information(1.0, 1.0, EXACT_SHARE));
+        for &place in places {
+            shared.row_mut(place).fill(0.0);
+            shared.column_mut(place).fill(0.0);
+            shared[(place, place)] = exact[(place, place)];
+        }
         Self { shared, ..self.clone() }
     }
 
