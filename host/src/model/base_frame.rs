@@ -79,6 +79,10 @@ pub struct HandEyeCorrection {
     pub is_applied: bool,
 }
 
+/// Standard deviation of an optical axis that was taken as stated, in focal lengths.
+const NOT_ASKED: f64 = 1e-5;
+/// Share of its prior standard deviation below which the optical axis is told well enough to be moved.
+const TOLD_SHARE: f64 = 0.25;
 /// The same as a mean by chance: nothing is left to be taken out.
 const SETTLED_CAMERA: f64 = 5.0;
 
@@ -146,9 +150,10 @@ pub fn locate(stated: &Stated, registration: &Registration) -> Option<Location> 
     let looked_for = surfaces.camera.is_some();
     let free = if looked_for { adjusted(&prior)? } else { adjusted(&prior.with_exact_camera())? };
     let plain = with_contradictions(prior.with_exact_scale_and_axis())?;
-    let told = with_contradictions(prior.with_exact_scale())?;
-    let camera = if looked_for { finding(&plain, &told) } else { None };
-    let (told, contradictions) = told;
+    let with_axis = with_contradictions(prior.with_exact_scale())?;
+    let told = if is_axis_told(&with_axis) { &with_axis } else { &plain };
+    let camera = if looked_for { finding(&plain, told) } else { None };
+    let (told, contradictions) = &with_axis;
     let hand_eye = correction(&exact, &free, stated.beyond_repair)?;
     let mut covariance = free.of_rigid_motions(&centre_mm);
     if !hand_eye.is_applied {
@@ -156,7 +161,7 @@ pub fn locate(stated: &Stated, registration: &Registration) -> Option<Location> 
         let left = left_as_is(&exact, registered, &centre_mm);
         covariance += &left * left.transpose();
     }
-    let shared = Calibration::of([&told, &free], stated.taken_out, &contradictions);
+    let shared = Calibration::of([told, &free], stated.taken_out, contradictions);
     let Anchor::Cell(cell) = stated.anchor else {
         let covariance = stated.taken_out.map(|_| covariance);
         return Some(Location { base_frame: None, camera, shared, poses: registered.clone(), covariance });
@@ -183,6 +188,16 @@ impl Location {
 
 /// An adjustment, and what contradictions add to the covariance of what all views share.
 type Checked = (Adjusted, SMatrix<f64, SHARED, SHARED>);
+
+/// Whether the views tell far more of the optical axis than was known before.
+fn is_axis_told((adjusted, contradictions): &Checked) -> bool {
+    let at = adjusted.covariance.nrows() - SHARED;
+    let usual = prior::usual(0.0, 0.0, 1.0);
+    prior::AXIS.iter().all(|&k| {
+        let variance = adjusted.covariance[(at + k, at + k)] + contradictions[(k, k)];
+        variance.sqrt() < TOLD_SHARE * usual[k]
+    })
+}
 
 /// The camera's errors as the views tell them: whether there are any is asked with the optical axis where it is stated, since
 /// what bends faces near their ends passes for an axis that is off; how large they are, with the axis free.
@@ -279,15 +294,20 @@ impl CameraFinding {
     /// The errors in words.
     pub fn words(&self) -> String {
         let (CameraErrors { focal, centre, k1, .. }, sigma) = (self.errors, &self.sigma);
+        let axis = match sigma.centre {
+            [columns, rows] if columns.max(rows) > NOT_ASKED => format!(
+                "optical axis {:+.1} +- {:.1} and {:+.1} +- {:.1} thousandths of it, ",
+                1e3 * centre[0],
+                1e3 * columns,
+                1e3 * centre[1],
+                1e3 * rows,
+            ),
+            _ => String::new(),
+        };
         format!(
-            "focal length {:+.2} +- {:.2} % off, optical axis {:+.1} +- {:.1} and {:+.1} +- {:.1} thousandths of it, k1 {k1:+.4} \
-             +- {:.4}",
+            "focal length {:+.2} +- {:.2} % off, {axis}k1 {k1:+.4} +- {:.4}",
             100.0 * focal,
             100.0 * sigma.focal,
-            1e3 * centre[0],
-            1e3 * sigma.centre[0],
-            1e3 * centre[1],
-            1e3 * sigma.centre[1],
             sigma.k1,
         )
     }

@@ -2,13 +2,11 @@
 
 use super::CellAccuracy;
 use super::adjustment::Adjusted;
-use super::prior::{self, SHARED};
+use super::prior::{self, DEPTH_SCALE, SHARED};
 use crate::geometry::cloud::View;
 use crate::model::camera::CameraErrors;
 use nalgebra::{Isometry3, SMatrix};
 
-/// Place of the depth scale among what all views share.
-const DEPTH_SCALE: usize = 6;
 /// Standard deviations beyond which it is significant.
 const SIGNIFICANT: f64 = 3.0;
 

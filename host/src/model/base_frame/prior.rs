@@ -7,6 +7,10 @@ use nalgebra::{SMatrix, SVector};
 /// Unknowns that all views share: hand-eye motion (turn, shift) and five errors of the camera.
 pub(super) const SHARED: usize = 11;
 
+/// Places of the depth scale and the optical axis among them.
+pub(super) const DEPTH_SCALE: usize = 6;
+pub(super) const AXIS: [usize; 2] = [8, 9];
+
 /// One standard deviation of a hand-eye transform that is exact, mm and rad; and share of a camera's usual errors.
 const EXACT_MM: f64 = 1e-4;
 const EXACT_RAD: f64 = 1e-7;
@@ -72,13 +76,13 @@ impl Prior {
     /// The same with a camera whose depth scale is right: surfaces do not tell it, as larger work farther from cameras that
     /// are farther apart looks the same.
     pub(super) fn with_exact_scale(&self) -> Self {
-        self.with_exact(&[6])
+        self.with_exact(&[DEPTH_SCALE])
     }
 
     /// The same with its optical axis, too, which a turn of the camera does as well but for little: where all views look down on
     /// the work at about one angle, whatever bends the faces near their ends passes for it.
     pub(super) fn with_exact_scale_and_axis(&self) -> Self {
-        self.with_exact(&[6, 8, 9])
+        self.with_exact(&[DEPTH_SCALE, AXIS[0], AXIS[1]])
     }
 
     fn with_exact(&self, places: &[usize]) -> Self {
