@@ -164,9 +164,9 @@ impl CameraEvidence {
                 *does += covariance.columns(6 * k, 6) * (tie.motion_pull * sign);
             }
         }
-        let mut sum = DMatrix::zeros(n, n);
-        by_pair.values().for_each(|does| sum.ger(1.0, does, does, 1.0));
-        sum
+        let mut all = DMatrix::zeros(n, by_pair.len());
+        by_pair.values().enumerate().for_each(|(k, does)| all.set_column(k, does));
+        &all * all.transpose()
     }
 
     /// Adds what a pair of views tells.
