@@ -111,9 +111,9 @@ pub fn job(bytes: &[u8]) {
 /// A program for the pendant: what is taken is written again and read as the same.
 pub fn path_json(bytes: &[u8]) {
     let Ok(text) = std::str::from_utf8(bytes) else { return };
-    if let Ok(program) = json::read(text) {
-        let again = json::read(&json::write(&program)).expect("a written program is one");
-        assert_eq!(again.len(), program.len());
+    if let Ok((program, frame)) = json::read(text) {
+        let (again, same) = json::read(&json::write(&program, frame)).expect("a written program is one");
+        assert_eq!((again.len(), same), (program.len(), frame));
     }
 }
 

@@ -21,7 +21,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 
 /// The welds of a program one after the other, each with `per_segment` poses from waypoint to waypoint.
 pub(crate) fn densified(program: &str, per_segment: u16) -> Result<Vec<Vec<TorchPose>>, Box<dyn Error>> {
-    let waypoints = json::read(program)?;
+    let (waypoints, _) = json::read(program)?;
     let runs = waypoints.chunk_by(|a, b| a.kind == b.kind && a.seam == b.seam);
     let welds = runs.filter(|run| run[0].kind == Kind::Weld);
     Ok(welds.map(|weld| densify(&weld.iter().map(pose).collect::<Vec<_>>(), per_segment).collect()).collect())

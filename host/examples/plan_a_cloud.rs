@@ -5,6 +5,7 @@
 use std::path::Path;
 
 use weldpath::output::csv;
+use weldpath::output::frame::PathFrame;
 use weldpath::{input, pipeline};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -16,5 +17,5 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 pub(crate) fn planned(input: &Path) -> Result<String, Box<dyn std::error::Error>> {
     let scan = input::read(input, &input::Options::default())?;
     let plan = pipeline::plan(&scan.views, &pipeline::Config::default(), &mut ())?;
-    Ok(csv::write(&plan.paths))
+    Ok(csv::write(&plan.paths, PathFrame::from(scan.frame)))
 }

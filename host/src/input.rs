@@ -31,6 +31,7 @@ mod raw;
 #[cfg_attr(not(any(feature = "ply", feature = "pcd")), allow(dead_code))]
 mod records;
 mod repeated;
+mod stated;
 mod stl;
 mod strays;
 mod text;
@@ -47,6 +48,7 @@ pub use camera::{CameraPosition, Distortion, Intrinsics};
 pub use doubt::{CloudFrame, Doubt, DoubtKind};
 use format::{Format, Reader};
 use raw::Raw;
+pub use stated::StatedFrame;
 pub use units::{Units, UnknownUnits};
 
 /// How INPUT is read.
@@ -58,6 +60,8 @@ pub struct Options {
     pub intrinsics: Option<Intrinsics>,
     /// Where the camera stood that took a cloud which does not tell, mm, in the cloud's own frame.
     pub camera_mm: Option<CameraPosition>,
+    /// Whose frame the coordinates of a cloud are in that does not tell.
+    pub frame: Option<StatedFrame>,
     /// Whether a `scan.json` may name files outside its folder. One that came from somebody else should not.
     pub allow_outside: bool,
 }
@@ -195,11 +199,13 @@ impl Error {
 /// assert!(error.to_string().contains("INPUT is a folder with scan.json"));
 /// ```
 pub fn read(input: &Path, options: &Options) -> Result<Scan, Error> {
-    thinned(read_any(input, options)?, input)
+    whole(read_any(input, options)?, input, options)
 }
 
-/// Without strays and what places hold beyond their share, and within the memory that a plan may take.
-fn thinned(mut scan: Scan, input: &Path) -> Result<Scan, Error> {
+/// In the frame that was stated, without strays and what places hold beyond their share, and within the memory that a plan may
+/// take.
+fn whole(mut scan: Scan, input: &Path, options: &Options) -> Result<Scan, Error> {
+    stated::hold(options.frame, &mut scan, input)?;
     for view in &mut scan.views {
         let is_read = view.mesh.is_none();
         let far = is_read.then(|| strays::drop_far(&mut view.points_mm, &mut view.normals)).flatten();
@@ -243,7 +249,7 @@ fn read_any(input: &Path, options: &Options) -> Result<Scan, Error> {
 /// # Ok::<(), input::Error>(())
 /// ```
 pub fn read_bytes(bytes: Vec<u8>, path: &Path, options: &Options) -> Result<Scan, Error> {
-    thinned(of_bytes(bytes, path, options)?, path)
+    whole(of_bytes(bytes, path, options)?, path, options)
 }
 
 fn of_bytes(bytes: Vec<u8>, path: &Path, options: &Options) -> Result<Scan, Error> {
@@ -328,15 +334,21 @@ fn single(mut raw: Raw, path: &Path, options: &Options) -> Result<Scan, Error> {
     let mm_per_unit = units::decide(options.units, raw.unit, &extent, &mut notes, &mut warnings);
     let mut frame = CloudFrame::Unknown;
     let view = if raw.triangles.is_empty() {
-        let camera = match options.camera_mm {
-            Some(at) => {
+        let camera = match (options.camera_mm, options.frame) {
+            (Some(at), _) => {
                 let [x, y, z] = at.mm();
                 notes.push(format!("frame: a camera at {x}, {y}, {z} mm (as given)"));
                 Some(Vector3::from(at.mm()) / mm_per_unit)
             }
-            None => frame::camera_of(&raw, &extent, &mut notes),
+            (None, Some(StatedFrame::Camera)) => {
+                notes.push("frame: the camera's (as given)".into());
+                Some(Vector3::zeros())
+            }
+            (None, Some(StatedFrame::Base)) => frame::camera_in_base(&raw, &extent, &mut notes),
+            (None, None) => frame::camera_of(&raw, &extent, &mut notes),
         };
-        if camera == Some(Vector3::zeros()) {
+        // The origin of the base frame may be where a camera was said to stand.
+        if camera == Some(Vector3::zeros()) && options.frame != Some(StatedFrame::Base) {
             frame = CloudFrame::Camera;
         }
         view_of(raw, camera, extent.middle, mm_per_unit, path)

@@ -3,6 +3,7 @@
 mod base_frame;
 pub mod csv;
 pub mod feasibility;
+pub mod frame;
 pub mod json;
 pub mod ply;
 pub mod summary;

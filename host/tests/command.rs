@@ -165,6 +165,67 @@ fn a_path_that_is_the_truth_scores_full_marks() {
 }
 
 #[test]
+fn the_summary_says_whose_frame_the_path_is_in() {
+    let home = home();
+    let frame = |input: &str| {
+        let planned = weldpath(home.path(), &["plan", input, "--json", "--no-report"]);
+        let summary: serde_json::Value =
+            serde_json::from_slice(&planned.stdout).unwrap_or_else(|_| panic!("{}", stderr(&planned)));
+        summary["frame"].as_str().unwrap().to_owned()
+    };
+    let simulate = ["simulate", "--part", "fillet", "--views", "4", "--out", "scan"];
+    assert!(weldpath(home.path(), &simulate).status.success());
+    assert_eq!(frame("scan"), "base");
+    assert_eq!(frame("out/model.ply"), "unknown", "a cloud that was merged elsewhere");
+}
+
+#[test]
+fn a_path_in_the_cameras_frame_says_so_in_every_file_and_moves_no_robot() {
+    let home = home();
+    let simulate = ["simulate", "--part", "fillet", "--views", "1", "--out", "scan"];
+    assert!(weldpath(home.path(), &simulate).status.success());
+    // With no pose but the identity the model is a cloud in the frame of its camera.
+    let file = home.path().join("scan/scan.json");
+    let mut scan: serde_json::Value = serde_json::from_slice(&std::fs::read(&file).unwrap()).unwrap();
+    scan["flange_from_camera"] = serde_json::json!([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]);
+    scan["views"][0]["base_from_flange"] = serde_json::json!([0, 0, 0, 0, 0, 0]);
+    std::fs::write(&file, scan.to_string()).unwrap();
+    weldpath(home.path(), &["plan", "scan", "--quiet", "--out", "seen"]);
+    let cloud = ["plan", "seen/model.ply", "--frame", "camera"];
+    let text = |name: &str| std::fs::read(home.path().join("out").join(name)).unwrap_or_default();
+    let says = |name: &str, words: &str| String::from_utf8_lossy(&text(name)).contains(words);
+    assert_eq!(weldpath(home.path(), &cloud).status.code(), Some(8));
+    assert!(text("path.json").is_empty() && text("path.script").is_empty(), "no program");
+    let accepted = [&cloud[..], &["--accept", "camera-frame"]].concat();
+    assert!(weldpath(home.path(), &accepted).status.success());
+    assert!(says("path.json", "\"frame\": \"camera\"") && says("summary.json", "\"frame\": \"camera\""));
+    assert!(says("model.ply", "the camera's frame") && says("report.html", "\"frame\":\"camera\""));
+    assert!(says("path.csv", ",frame\n") && says("path.csv", ",camera\n"));
+    let scored = weldpath(home.path(), &["evaluate", "out", "--truth", "scan/truth.json"]);
+    assert!(scored.status.success(), "{}", stderr(&scored));
+    let streamed = weldpath(home.path(), &["stream", "out", "--port", "none"]);
+    assert!(streamed.status.code() == Some(4) && stderr(&streamed).contains("camera's frame"));
+}
+
+#[test]
+fn a_stated_frame_is_taken_where_the_file_is_silent_and_refused_where_it_is_not() {
+    let home = home();
+    let simulate = ["simulate", "--part", "fillet", "--views", "4", "--out", "scan"];
+    assert!(weldpath(home.path(), &simulate).status.success());
+    assert!(weldpath(home.path(), &["plan", "scan"]).status.success());
+    let stated = ["plan", "out/model.ply", "--frame", "base", "--json", "--no-report", "--out", "again"];
+    let planned = weldpath(home.path(), &stated);
+    let summary: serde_json::Value = serde_json::from_slice(&planned.stdout).unwrap();
+    assert_eq!(summary["frame"], "base");
+    let job = std::fs::read_to_string(home.path().join("again/job.toml")).unwrap();
+    assert!(job.contains("frame = \"base\""), "{job}");
+    let refused = weldpath(home.path(), &["plan", "scan", "--frame", "camera"]);
+    assert!(refused.status.code() == Some(4) && stderr(&refused).contains("its poses put the views"));
+    let agreed = weldpath(home.path(), &["plan", "scan", "--frame", "base", "--out", "agreed"]);
+    assert!(agreed.status.success(), "{}", stderr(&agreed));
+}
+
+#[test]
 fn a_truth_that_cannot_be_read_is_4() {
     let home = home();
     std::fs::write(home.path().join("path.csv"), "x_mm,y_mm,z_mm\n1,2,3\n").unwrap();

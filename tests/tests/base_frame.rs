@@ -11,6 +11,7 @@ use weldpath::input;
 use weldpath::lab::evaluation::{Options, PathSet, Truth, score};
 use weldpath::lab::simulation::{CellErrors, Part, Request, simulate, write};
 use weldpath::output::csv;
+use weldpath::output::frame::PathFrame;
 use weldpath::output::verdict::ReasonId;
 use weldpath::pipeline::{self, Anchor, Config, Plan};
 use weldpath::run::job::Job;
@@ -75,7 +76,8 @@ fn plan(views: &[View], anchor: Anchor) -> Plan {
 
 /// Root mean squares of a plan's seams across them, mm: from the truth, and as stated in the base frame.
 fn errors(plan: &Plan, truth: &Truth) -> [f64; 2] {
-    let paths = PathSet::parse(csv::write(&plan.paths).as_ref(), Path::new("path.csv")).unwrap();
+    let paths =
+        PathSet::parse(csv::write(&plan.paths, PathFrame::Base).as_ref(), Path::new("path.csv")).unwrap();
     let real = score(&paths, truth, &Options::default()).rmse_mm.unwrap_or(f64::INFINITY);
     let length: f64 = plan.seams.iter().map(|seam| seam.length_mm()).sum();
     let squares: f64 = plan.seams.iter().map(|s| s.base_error_mm.powi(2) * s.length_mm()).sum();

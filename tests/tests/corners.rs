@@ -7,6 +7,7 @@ use weldpath::input;
 use weldpath::lab::evaluation::{Options, PathSet, score};
 use weldpath::lab::simulation::{Noise, Part, Request, SensorErrors, simulate, write};
 use weldpath::output::csv;
+use weldpath::output::frame::PathFrame;
 use weldpath::pipeline::{self, Anchor, Config, Plan};
 use weldpath::run::job::Job;
 
@@ -25,7 +26,8 @@ fn found(part: Part, seed: u64, sensor: SensorErrors) -> Found {
     let views = input::read(folder.path(), &input::Options::default()).expect("a scan").views;
     let config = Config { anchor: Some(Anchor::First), ..Job::default().pipeline() };
     let plan: Plan = pipeline::plan(&views, &config, &mut ()).unwrap_or_else(|error| panic!("{error}"));
-    let paths = PathSet::parse(csv::write(&plan.paths).as_ref(), Path::new("path.csv")).unwrap();
+    let paths =
+        PathSet::parse(csv::write(&plan.paths, PathFrame::Base).as_ref(), Path::new("path.csv")).unwrap();
     let scored = score(&paths, &scan.truth, &Options::default());
     assert!(scored.coverage > 0.95, "{part} {seed}: {} covered", scored.coverage);
     let longest = plan.seams.iter().max_by(|a, b| a.length_mm().total_cmp(&b.length_mm())).expect("a seam");

@@ -205,7 +205,7 @@ fn the_schema_accepts_the_documented_jobs_and_refuses_slips() {
 
 #[test]
 fn the_documented_program_is_read() {
-    assert_eq!(json::read(block("json")).unwrap().len(), 1);
+    assert_eq!(json::read(block("json")).unwrap().0.len(), 1);
 }
 
 #[test]

@@ -10,6 +10,7 @@ use std::thread;
 use nalgebra::{Isometry3, Point3, UnitQuaternion};
 use weldpath::lab::simulation;
 use weldpath::lab::simulation::{Part, Request};
+use weldpath::output::frame::PathFrame;
 use weldpath::output::json;
 use weldpath::pendant::link::{Error, Link};
 use weldpath::pendant::serial;
@@ -48,7 +49,7 @@ fn program() -> Vec<Waypoint> {
 
 /// `weldpath stream` of [`program`], with more arguments.
 fn command(pendant: &InProcess, folder: &Path, more: &[&str]) -> Command {
-    std::fs::write(folder.join("path.json"), json::write(&program())).unwrap();
+    std::fs::write(folder.join("path.json"), json::write(&program(), PathFrame::Base)).unwrap();
     let mut command = weldpath();
     command.args(["stream", "--port", &pendant.port]).args(more).arg(folder);
     command
@@ -116,7 +117,7 @@ fn a_program_longer_than_the_ring_is_streamed_and_moved_to_its_end() {
         })
         .collect();
     let file = folder.path().join("long.json");
-    std::fs::write(&file, json::write(&line)).unwrap();
+    std::fs::write(&file, json::write(&line, PathFrame::Base)).unwrap();
     let host = Running::start(weldpath().args(["stream", "--port", &pendant.port]).arg(&file));
     pendant.wait_for("half a ring", |seen| seen.state == State::Loading);
     pendant.enable(true);
@@ -200,9 +201,9 @@ fn the_exit_code_says_what_became_of_a_stream() {
             kind: Kind::Air,
             dwell_s: None,
         };
-        json::write(&[at(0.0), at(10.0)])
+        json::write(&[at(0.0), at(10.0)], PathFrame::Base)
     };
-    let (port, good) = (pendant.port.as_str(), file("good.json", &json::write(&program())));
+    let (port, good) = (pendant.port.as_str(), file("good.json", &json::write(&program(), PathFrame::Base)));
     ends(&["--port", port, "--back-mm=-1", &good], 2, "--back-mm");
     ends(&["--port", port], 2, "path.json");
     ends(&["--port", port, "no/such/folder"], 4, "no/such/folder");

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use nalgebra::{Point3, UnitQuaternion};
+use weldpath::output::frame::PathFrame;
 use weldpath::output::json;
 use weldpath::weld::program::{Kind, Waypoint};
 use weldpath_tests::command::{Running, ends_well, weldpath};
@@ -62,7 +63,7 @@ fn a_path_longer_than_the_ring_reaches_the_firmware_over_a_line_that_damages_byt
     let count = if std::env::var_os("WELDPATH_LONG").is_some() { 10_000 } else { 1_200 };
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("path.json");
-    std::fs::write(&file, json::write(&circle(count))).unwrap();
+    std::fs::write(&file, json::write(&circle(count), PathFrame::Base)).unwrap();
     let mut pendant = Simulated::start(&program);
     let port = pendant.damaged(folder.path(), 1e-3).unwrap();
     let mut host = Running::start(weldpath().args(["stream", "--port", &port]).arg(&file));

@@ -70,7 +70,7 @@ fn standoff_lifts_every_point_along_its_own_axis() {
 #[test]
 fn path_json_read_back_is_the_program() {
     let output = output("");
-    let back = json::read(&text(&output, "path.json")).unwrap();
+    let (back, _) = json::read(&text(&output, "path.json")).unwrap();
     assert_eq!(back.len(), output.program.waypoints.len());
     for (a, b) in back.iter().zip(&output.program.waypoints) {
         assert!((a.position_mm - b.position_mm).norm() < 1e-5);
@@ -170,7 +170,7 @@ fn a_job_with_every_word_replays_to_the_same_bytes() {
 fn stitches_show_in_path_json_as_welds_of_their_length_with_lifts_between() {
     let output =
         output("[stitch]\npattern = \"stitches\"\nlength_mm = 10\npitch_mm = 30\n[selection]\nseams = [2]");
-    let waypoints = json::read(&text(&output, "path.json")).unwrap();
+    let (waypoints, _) = json::read(&text(&output, "path.json")).unwrap();
     let welds: Vec<_> = waypoints.split(|w| !w.weld).filter(|run| !run.is_empty()).collect();
     assert_eq!(welds.len(), 4, "100 mm: gaps of 30 mm");
     for run in &welds {

@@ -8,6 +8,7 @@ use weldpath::input::{self, Scan};
 use weldpath::lab::evaluation::{Options, PathSet, Truth, score};
 use weldpath::lab::simulation::{CellErrors, Part, Request, simulate, write};
 use weldpath::output::csv;
+use weldpath::output::frame::PathFrame;
 use weldpath::pipeline::PlanError;
 use weldpath::pipeline::{Plan, touch};
 use weldpath::run::job::Job;
@@ -49,7 +50,8 @@ fn planned(scan: &Scan, job: &str) -> Result<Plan, PlanError> {
 }
 
 fn rmse_mm(plan: &Plan, truth: &Truth) -> f64 {
-    let paths = PathSet::parse(csv::write(&plan.paths).as_ref(), Path::new("path.csv")).unwrap();
+    let paths =
+        PathSet::parse(csv::write(&plan.paths, PathFrame::Base).as_ref(), Path::new("path.csv")).unwrap();
     score(&paths, truth, &Options::default()).rmse_mm.unwrap_or(f64::INFINITY)
 }
 
@@ -93,7 +95,7 @@ fn a_touched_job_replays_to_the_same_path_and_the_poses_that_the_robot_reported_
     let plan = planned(&scan, &text).expect("a plan");
     let job = Job::parse(&text, Path::new("job.toml")).unwrap();
     let again = planned(&scan, &job.to_toml()).expect("a plan");
-    assert_eq!(csv::write(&plan.paths), csv::write(&again.paths));
+    assert_eq!(csv::write(&plan.paths, PathFrame::Base), csv::write(&again.paths, PathFrame::Base));
     for (view, report) in scan.views.iter().zip(&plan.views) {
         let off = view.base_from_camera.inverse() * report.reported;
         assert!(off.translation.vector.norm() < 1e-6 && off.rotation.angle() < 1e-9);

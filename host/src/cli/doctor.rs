@@ -8,6 +8,7 @@ use weldpath::input;
 use weldpath::lab::evaluation::{self, PathSet, Truth};
 use weldpath::lab::simulation::{self, Part, Request};
 use weldpath::output::csv;
+use weldpath::output::frame::PathFrame;
 use weldpath::pendant::{emulator, serial};
 use weldpath::pipeline;
 
@@ -123,8 +124,8 @@ fn trial() -> Result<String, String> {
     let file = folder.path().join("truth.json");
     let bytes = std::fs::read(&file).map_err(|e| said(&e))?;
     let truth = Truth::parse(&bytes, &file).map_err(|e| said(&e))?;
-    let paths =
-        PathSet::parse(csv::write(&plan.paths).as_bytes(), Path::new("path.csv")).map_err(|e| said(&e))?;
+    let paths = PathSet::parse(csv::write(&plan.paths, PathFrame::Base).as_bytes(), Path::new("path.csv"))
+        .map_err(|e| said(&e))?;
     let score = evaluation::score(&paths, &truth, &evaluation::Options::default());
     let rmse_mm = score.rmse_mm.unwrap_or(f64::INFINITY);
     let found = format!(

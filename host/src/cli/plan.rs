@@ -53,6 +53,9 @@ pub(super) struct Args {
     /// Where the camera stood that took a cloud which does not tell: mm, in the cloud's own frame
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     camera: Option<input::CameraPosition>,
+    /// Whose frame the coordinates of a cloud are in, where the file does not say it
+    #[arg(long)]
+    frame: Option<input::StatedFrame>,
     /// What holds the model in the robot's base frame: robot (all poses and the hand-eye transform), or first (the first
     /// view's pose, taken as exact) [default: robot]
     #[arg(long, value_name = "ANCHOR")]
@@ -196,6 +199,7 @@ fn job(args: &Args) -> Result<Job, Failure> {
     replace(&mut job.units, args.units);
     job.intrinsics = args.intrinsics.or(job.intrinsics);
     job.camera_mm = args.camera.or(job.camera_mm);
+    job.frame = args.frame.or(job.frame);
     replace(&mut job.scan.anchor, args.anchor);
     if let Some(path) = &args.calibration {
         let read = CalibrationSettings::read(path);

@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 use indicatif::{ProgressBar, ProgressStyle};
 use weldpath::files::File;
 use weldpath::geometry::cloud::PointCloud;
+use weldpath::output::frame::PathFrame;
 use weldpath::output::ply;
 use weldpath::pipeline::{Evidence, Observer};
 use weldpath::report::Recording;
@@ -67,7 +68,7 @@ impl Observer for Progress {
     fn cloud(&mut self, stage: &'static str, cloud: &PointCloud) {
         if let Some(stages) = &mut self.stages {
             let name = format!("stages/{:02}-{stage}.ply", stages.len() + 1);
-            stages.push(File::new(name, ply::write(cloud)));
+            stages.push(File::new(name, ply::write(cloud, PathFrame::Unknown)));
         }
     }
 

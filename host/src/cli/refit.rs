@@ -5,6 +5,8 @@ use std::path::{Path, PathBuf};
 use weldpath::files::File;
 use weldpath::files::reading;
 use weldpath::input;
+use weldpath::output::frame::PathFrame;
+use weldpath::output::verdict::ReasonId;
 use weldpath::output::{json, ply};
 use weldpath::run::job::Job;
 use weldpath::run::postprocessing::program_files;
@@ -55,6 +57,8 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         ..input::Options::default()
     };
     let scan = input::read(&args.scan, &options).map_err(|error| Failure::new(Exit::Input, error))?;
+    let frame = PathFrame::from(scan.frame);
+    hold_frame(frame, &saved.job)?;
     let new = refit::cloud(&scan.views);
     let fit = refit::refit(&saved.program, &saved.model, &new).map_err(|error| {
         Failure::new(Exit::NoSeam, error).hint("plan the new scan with `weldpath plan` instead")
@@ -68,15 +72,25 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
             .hint("scan the ends of the part, too; or check the place, and say --accept-unknown"));
     }
     let program = refit::moved(&saved.program, &fit.new_from_old);
-    let mut files =
-        program_files(&program, &saved.job, &[refitted(&args.saved)]).map_err(super::plan::too_long)?;
-    files.push(File::new("model.ply", ply::write(&new)));
+    let mut files = program_files(&program, frame, &saved.job, &[refitted(&args.saved)])
+        .map_err(super::plan::too_long)?;
+    files.push(File::new("model.ply", ply::write(&new, frame)));
     files.push(File::new("job.toml", saved.job.to_toml()));
     files.push(File::new("refit.json", summary(&fit)));
     folder.write(&files)?;
     let names: Vec<&str> = files.iter().map(|file| file.name.as_str()).collect();
     let text = told(&fit, &scan.warnings) + &format!("{}: {}\n", args.out.display(), names.join(", "));
     if args.quiet { Ok(()) } else { print(&text) }
+}
+
+/// A program for a robot needs a scan that says where the robot is.
+fn hold_frame(frame: PathFrame, job: &Job) -> Result<(), Failure> {
+    if frame != PathFrame::Camera || job.formats.0.is_empty() || job.accept.contains(&ReasonId::CameraFrame) {
+        return Ok(());
+    }
+    let message =
+        "the new scan is in the camera's frame: nothing says where the robot stands, no program is written";
+    Err(Failure::new(Exit::Refused, message).hint("give a scan.json with poses"))
 }
 
 /// What the verdict was said of is the saved plan; its reasons hold for what was moved.
@@ -100,7 +114,7 @@ fn read(folder: &Path) -> Result<Saved, Failure> {
     let path = folder.join("path.json");
     let text =
         reading::text(&path, reading::MOST_RESULT).map_err(|error| cannot(&path, error.to_string()))?;
-    let program = json::read(&text).map_err(|error| cannot(&path, error.to_string()))?;
+    let (program, _) = json::read(&text).map_err(|error| cannot(&path, error.to_string()))?;
     let path = folder.join("model.ply");
     let bytes =
         reading::bytes(&path, reading::MOST_RESULT).map_err(|error| cannot(&path, error.to_string()))?;

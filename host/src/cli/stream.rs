@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 use indicatif::ProgressBar;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 use weldpath::files::reading;
+use weldpath::output::frame::PathFrame;
 use weldpath::output::json;
 use weldpath::pendant::link::program;
 use weldpath::pendant::link::program::Upload;
@@ -179,7 +180,12 @@ fn read(program: &Path) -> Result<Vec<Waypoint>, Failure> {
             .hint("`weldpath plan` writes path.json")
     };
     let text = reading::text(&file, reading::MOST_RESULT).map_err(|error| cannot(error.to_string()))?;
-    json::read(&text).map_err(|error| cannot(error.to_string()))
+    let (program, frame) = json::read(&text).map_err(|error| cannot(error.to_string()))?;
+    if frame == PathFrame::Camera {
+        let why = format!("{} is in the camera's frame: no robot can go where it says", file.display());
+        return Err(Failure::new(Exit::Input, why).hint("plan a scan.json with poses"));
+    }
+    Ok(program)
 }
 
 /// One program on its way.

@@ -185,7 +185,7 @@ mod tests {
 
     #[test]
     fn the_result_names_seams_parameters_warnings_and_files() {
-        let source = Source { inputs: vec![], notes: vec!["units: metres".into()], findings: vec![] };
+        let source = Source { notes: vec!["units: metres".into()], ..Source::default() };
         let output = postprocess(&plan(), &Job::default(), source.clone()).unwrap();
         let text = result(&plan(), &output, &source, Path::new("out"));
         let lines: Vec<&str> = text.lines().collect();

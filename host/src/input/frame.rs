@@ -22,7 +22,21 @@ const FEWEST: usize = 50;
 /// Where the camera stood, in the cloud's own coordinates and unit, if the cloud bears it out.
 pub(super) fn camera_of(raw: &Raw, extent: &Extent, notes: &mut Vec<String>) -> Option<Vector3<f64>> {
     let origin = Vector3::zeros();
-    let candidates = raw.viewpoint.into_iter().filter(|at| *at != origin).chain([origin]);
+    among(raw.viewpoint.into_iter().filter(|at| *at != origin).chain([origin]), raw, extent, notes)
+}
+
+/// The same of a cloud in the base frame of a robot: no camera stands in the robot's foot.
+pub(super) fn camera_in_base(raw: &Raw, extent: &Extent, notes: &mut Vec<String>) -> Option<Vector3<f64>> {
+    among(raw.viewpoint.into_iter().filter(|at| *at != Vector3::zeros()), raw, extent, notes)
+}
+
+fn among(
+    candidates: impl Iterator<Item = Vector3<f64>>,
+    raw: &Raw,
+    extent: &Extent,
+    notes: &mut Vec<String>,
+) -> Option<Vector3<f64>> {
+    let origin = Vector3::zeros();
     let mut refusals = Vec::new();
     for at in candidates {
         let name = if at == origin { "the origin".into() } else { format!("VIEWPOINT {:?}", at.as_slice()) };
@@ -34,7 +48,8 @@ pub(super) fn camera_of(raw: &Raw, extent: &Extent, notes: &mut Vec<String>) -> 
             Err(why) => refusals.push(format!("no camera at {name}: {why}")),
         }
     }
-    notes.push(format!("frame: unknown camera position ({})", refusals.join("; ")));
+    let why = if refusals.is_empty() { "the file names none".into() } else { refusals.join("; ") };
+    notes.push(format!("frame: unknown camera position ({why})"));
     None
 }
 

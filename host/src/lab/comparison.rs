@@ -21,6 +21,7 @@ use crate::lab::evaluation::{PathSet, Score, Target, Truth, paper_rmse, score};
 use crate::lab::simulation;
 use crate::lab::simulation::{Part, Request};
 use crate::output::csv;
+use crate::output::frame::PathFrame;
 use crate::output::summary::Source;
 use crate::pendant::teleop;
 use crate::pendant::teleop::{Twin, generator};
@@ -189,7 +190,7 @@ fn mean_fitness(plan: &Plan) -> Vec<f64> {
 /// The default job's path, as `weldpath plan` writes it and `weldpath evaluate` reads it.
 fn accuracy(piece: &Piece, plan: &Plan) -> Result<Accuracy, Error> {
     let output = postprocess(plan, &Job::default(), Source::default())?;
-    let paths = PathSet::parse(csv::write(&output.paths).as_bytes(), Path::new("path.csv"))?;
+    let paths = PathSet::parse(csv::write(&output.paths, PathFrame::Base).as_bytes(), Path::new("path.csv"))?;
     let Score { rmse_mm, rmse_deg, .. } = score(&paths, &piece.truth, &evaluation::Options::default());
     let lines =
         plan.paths.iter().map(|path| path.points.iter().map(|p| p.position_mm.coords).collect::<Vec<_>>());

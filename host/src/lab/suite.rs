@@ -121,7 +121,8 @@ fn planned(input: &Path, anchor: AnchorName) -> Result<Planned, String> {
         config.anchor = None;
     }
     let plan = pipeline::plan(&scan.views, &config, &mut ()).map_err(|error| error.to_string())?;
-    let source = Source { findings: verdict::of_scan(&scan, &job), ..Source::default() };
+    let source =
+        Source { frame: scan.frame.into(), findings: verdict::of_scan(&scan, &job), ..Source::default() };
     let output = postprocess(&plan, &job, source).map_err(|error| error.to_string())?;
     let csv = output.files.iter().find(|file| file.name == "path.csv").ok_or("no path.csv")?;
     let paths = PathSet::parse(&csv.bytes, Path::new("path.csv")).map_err(|error| error.to_string())?;

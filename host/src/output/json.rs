@@ -5,6 +5,7 @@
 use nalgebra::{Point3, Quaternion, UnitQuaternion};
 use serde::{Deserialize, Serialize};
 
+use super::frame::PathFrame;
 use crate::weld::program::{Kind, Waypoint};
 
 /// Value of `format`.
@@ -46,7 +47,7 @@ pub enum Error {
 struct Document {
     format: String,
     version: u32,
-    frame: String,
+    frame: PathFrame,
     waypoints: Vec<Row>,
 }
 
@@ -70,12 +71,13 @@ struct Label {
     version: u32,
 }
 
-/// The program as text: one waypoint per line.
-pub fn write(waypoints: &[Waypoint]) -> String {
+/// The program as text, in the coordinates of `frame`: one waypoint per line.
+pub fn write(waypoints: &[Waypoint], frame: PathFrame) -> String {
     let rows: Vec<String> = waypoints.iter().map(|w| format!("    {}", line(w))).collect();
     format!(
-        "{{\n  \"format\": \"{FORMAT}\",\n  \"version\": {VERSION},\n  \"frame\": \"base\",\n  \
+        "{{\n  \"format\": \"{FORMAT}\",\n  \"version\": {VERSION},\n  \"frame\": \"{}\",\n  \
          \"waypoints\": [\n{}\n  ]\n}}\n",
+        frame.name(),
         rows.join(",\n")
     )
 }
@@ -99,12 +101,12 @@ pub(super) fn rounded(value: f64, per_unit: f64) -> f64 {
     (value * per_unit).round() / per_unit + 0.0
 }
 
-/// Reads what [`write()`] wrote, or anything of that schema.
+/// Reads what [`write()`] wrote, or anything of that schema: the waypoints, and whose frame they are in.
 ///
 /// ```
 /// use nalgebra::{Point3, UnitQuaternion};
 /// use weldpath::weld::program::{Kind, Waypoint};
-/// use weldpath::output::json;
+/// use weldpath::output::{frame::PathFrame, json};
 ///
 /// let at = |x_mm| Waypoint {
 ///     position_mm: Point3::new(x_mm, 0.0, 0.0),
@@ -116,17 +118,18 @@ pub(super) fn rounded(value: f64, per_unit: f64) -> f64 {
 ///     dwell_s: None,
 /// };
 /// let program = [at(0.0), at(10.0)];
-/// assert_eq!(json::read(&json::write(&program))?, program);
+/// assert_eq!(json::read(&json::write(&program, PathFrame::Base))?, (program.into(), PathFrame::Base));
 /// # Ok::<(), json::Error>(())
 /// ```
-pub fn read(text: &str) -> Result<Vec<Waypoint>, Error> {
+pub fn read(text: &str) -> Result<(Vec<Waypoint>, PathFrame), Error> {
     let Label { format, version } = serde_json::from_str(text)?;
     if format != FORMAT || version != VERSION {
         return Err(Error::Version { format, version });
     }
     let document: Document = serde_json::from_str(text)?;
     let checked = |(index, row)| waypoint(row).map_err(|why| Error::Waypoint { index, why });
-    document.waypoints.into_iter().enumerate().map(checked).collect()
+    let waypoints: Result<_, Error> = document.waypoints.into_iter().enumerate().map(checked).collect();
+    Ok((waypoints?, document.frame))
 }
 
 fn waypoint(row: Row) -> Result<Waypoint, String> {
@@ -178,7 +181,8 @@ mod tests {
 
     #[test]
     fn a_program_read_back_is_the_program() {
-        let back = read(&write(&program())).unwrap();
+        let (back, frame) = read(&write(&program(), PathFrame::Camera)).unwrap();
+        assert_eq!(frame, PathFrame::Camera);
         assert_eq!(back.len(), program().len());
         for (a, b) in program().iter().zip(&back) {
             assert!((a.position_mm - b.position_mm).norm() < 1e-6);
@@ -186,12 +190,12 @@ mod tests {
             let rest = |w: &Waypoint| (w.feed_mm_s, w.weld, w.seam, w.kind, w.dwell_s);
             assert_eq!(rest(a), rest(b));
         }
-        assert!(read(&write(&[])).unwrap().is_empty());
+        assert!(read(&write(&[], PathFrame::Base)).unwrap().0.is_empty());
     }
 
     #[test]
     fn what_no_robot_could_execute_is_refused_with_its_place() {
-        let good = write(&program());
+        let good = write(&program(), PathFrame::Base);
         for (from, to, why) in [
             ("7.3", "0.0", "waypoint 0 (counted from 0): feed_mm_s"),
             ("\"weld\":true", "\"weld\":false", "waypoint 2"),
@@ -203,6 +207,7 @@ mod tests {
             ("\"feed_mm_s\"", "\"feed_m_s\"", "feed_m_s"),
             ("\"version\": 1", "\"version\": 2", "version 2"),
             ("weldpath-program", "other", "other"),
+            ("\"base\"", "\"flange\"", "flange"),
             ("\n  ]\n}", "", "EOF"),
         ] {
             assert!(good.contains(from), "{from}");

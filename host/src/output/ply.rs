@@ -4,15 +4,16 @@
 
 use nalgebra::{Point3, Vector3};
 
+use super::frame::PathFrame;
 use crate::geometry::cloud::PointCloud;
 
 /// Beyond this a single-precision millimetre is coarser than a micrometre, and `double` is written.
 const SINGLE_PRECISION_MM: f64 = 8192.0;
 
-/// The whole file.
-pub fn write(cloud: &PointCloud) -> Vec<u8> {
+/// The whole file, in the coordinates of `frame`.
+pub fn write(cloud: &PointCloud, frame: PathFrame) -> Vec<u8> {
     let double = (0..cloud.len()).any(|i| cloud.in_base_mm(i).coords.amax() > SINGLE_PRECISION_MM);
-    let mut bytes = header(cloud, if double { "double" } else { "float" }).into_bytes();
+    let mut bytes = header(cloud, if double { "double" } else { "float" }, frame).into_bytes();
     bytes.reserve(cloud.len() * if double { 36 } else { 24 });
     for i in 0..cloud.len() {
         for value_mm in cloud.in_base_mm(i).iter() {
@@ -30,9 +31,14 @@ pub fn write(cloud: &PointCloud) -> Vec<u8> {
 }
 
 /// A cloud early in the pipeline may not have its normals yet: then the file has none.
-fn header(cloud: &PointCloud, number: &str) -> String {
+fn header(cloud: &PointCloud, number: &str, frame: PathFrame) -> String {
+    let whose = match frame {
+        PathFrame::Base => "robot base frame",
+        PathFrame::Camera => "the camera's frame",
+        PathFrame::Unknown => "the scan's own frame",
+    };
     let mut lines = vec!["ply".to_owned(), "format binary_little_endian 1.0".to_owned()];
-    lines.push("comment weldpath: robot base frame, millimetres".to_owned());
+    lines.push(format!("comment weldpath: {whose}, millimetres"));
     lines.push(format!("element vertex {}", cloud.len()));
     lines.extend(["x", "y", "z"].map(|name| format!("property {number} {name}")));
     if has_normals(cloud) {

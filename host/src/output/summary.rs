@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use super::base_frame::BaseFrameSummary;
+use super::frame::PathFrame;
 use super::verdict::{Finding, Verdict};
 use super::{feasibility, views};
 use crate::pipeline::touch::{Residual, Touched};
@@ -43,6 +44,8 @@ pub struct Summary {
 pub struct Source {
     /// Files, in the order of reading.
     pub inputs: Vec<String>,
+    /// Whose frame all poses and positions are in.
+    pub frame: PathFrame,
     /// How they were understood, in words.
     pub notes: Vec<String>,
     /// What speaks against them; the verdict tells it.

@@ -19,7 +19,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::files::reading;
-use crate::input::{CameraPosition, Intrinsics, Units};
+use crate::input::{CameraPosition, Intrinsics, StatedFrame, Units};
 use crate::output::verdict::ReasonId;
 use crate::pipeline;
 use crate::robot::arc::WeldingArc;
@@ -68,6 +68,9 @@ pub struct Job {
     /// Where the camera stood that took a cloud which does not tell: x, y, z in mm, in the cloud's own frame.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub camera_mm: Option<CameraPosition>,
+    /// Whose frame the coordinates of a cloud are in that does not tell.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub frame: Option<StatedFrame>,
     /// How seams are found.
     pub method: MethodName,
     /// Threshold `t` of eq. (16), for the method of the paper.

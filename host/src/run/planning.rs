@@ -35,6 +35,7 @@ pub fn read(job: &Job, allow_outside: bool) -> Result<Scan, input::Error> {
         units: job.units,
         intrinsics: job.intrinsics,
         camera_mm: job.camera_mm,
+        frame: job.frame,
         allow_outside,
     };
     input::read(job.input.as_deref().unwrap_or(Path::new(".")), &options)
@@ -89,15 +90,22 @@ fn touched(
 /// What the files of a run say about its input.
 pub fn source(scan: &Scan, job: &Job) -> Source {
     let inputs = scan.inputs.iter().map(|path| path.display().to_string()).collect();
-    Source { inputs, notes: scan.notes.clone(), findings: verdict::of_scan(scan, job) }
+    Source {
+        inputs,
+        frame: scan.frame.into(),
+        notes: scan.notes.clone(),
+        findings: verdict::of_scan(scan, job),
+    }
 }
 
 /// Whether both jobs find the same seams in the same scan: what they differ by is only what is made of these.
 pub fn finds_the_same(a: &Job, b: &Job) -> bool {
     let search = |job: &Job| {
-        let Job { input, units, intrinsics, camera_mm, method, ratio_threshold, scan, touches, .. } =
-            job.clone();
-        (input, units, intrinsics, camera_mm, method, ratio_threshold, scan, touches)
+        let Job {
+            input, units, intrinsics, camera_mm, frame, method, ratio_threshold, scan, touches, ..
+        } = job.clone();
+        let read = (input, units, intrinsics, camera_mm, frame);
+        (read, method, ratio_threshold, scan, touches)
     };
     search(a) == search(b)
 }

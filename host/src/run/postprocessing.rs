@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 
 use crate::files::File;
+use crate::output::frame::PathFrame;
 use crate::output::summary::{Source, Summary};
 use crate::output::verdict::{Finding, State, Verdict};
 use crate::output::{csv, feasibility as feasibility_csv, json, ply, views};
@@ -63,6 +64,7 @@ pub const MOST_POINTS: usize = 100_000;
 
 /// Everything that follows from `plan` and `job`; writes nothing.
 pub fn postprocess(plan: &Plan, job: &Job, source: Source) -> Result<Output, Error> {
+    let frame = source.frame;
     let left_out = verdict::left_out(plan, job);
     let mut selected = chosen(plan, job)?;
     selected.retain(|path| !left_out.contains(&path.seam));
@@ -87,11 +89,11 @@ pub fn postprocess(plan: &Plan, job: &Job, source: Source) -> Result<Output, Err
     let summary = Summary::new(plan, source, &lines, &paths, job.order.up.get(), warnings)
         .with_feasibility(feasibility.as_ref())
         .with_verdict(verdict);
-    let mut files = vec![File::new("path.csv", csv::write(&paths))];
+    let mut files = vec![File::new("path.csv", csv::write(&paths, frame))];
     if summary.verdict().state != State::Refused {
-        files.extend(program_files(&program.waypoints, job, &summary.verdict().lines())?);
+        files.extend(program_files(&program.waypoints, frame, job, &summary.verdict().lines())?);
     }
-    files.push(File::new("model.ply", ply::write(&plan.model)));
+    files.push(File::new("model.ply", ply::write(&plan.model, frame)));
     if !plan.views.is_empty() {
         files.push(File::new("views.json", views::write(&plan.views)));
     }
@@ -103,13 +105,14 @@ pub fn postprocess(plan: &Plan, job: &Job, source: Source) -> Result<Output, Err
     Ok(Output { paths, program, summary, files })
 }
 
-/// The program in every form in which it is written, with these remarks in its head.
+/// The program, in the coordinates of `frame`, in every form in which it is written, with these remarks in its head.
 pub fn program_files(
     waypoints: &[Waypoint],
+    frame: PathFrame,
     job: &Job,
     remarks: &[String],
 ) -> Result<Vec<File>, moves::TooLong> {
-    let mut files = vec![File::new("path.json", json::write(waypoints))];
+    let mut files = vec![File::new("path.json", json::write(waypoints, frame))];
     let setup = ProgramSetup { remarks: remarks.to_vec(), ..job.program_setup() };
     for dialect in job.formats.0.iter().copied().collect::<BTreeSet<_>>() {
         files.extend(dialect.write(waypoints, &setup)?);

@@ -10,6 +10,7 @@ use nalgebra::{Point3, Vector3};
 use crate::geometry::cloud::PointCloud;
 use crate::geometry::grid::Grid;
 use crate::input::{CloudFrame, DoubtKind, Scan};
+use crate::output::frame::PathFrame;
 use crate::output::verdict::{Finding, ReasonId};
 use crate::pipeline::{HandEyeError, Misfit, Plan, ViewReport};
 use crate::robot::feasibility::problem::{Problem, ProblemKind};
@@ -65,6 +66,16 @@ pub fn of_scan(scan: &Scan, job: &Job) -> Vec<Finding> {
         )),
     });
     found
+}
+
+impl From<CloudFrame> for PathFrame {
+    fn from(frame: CloudFrame) -> Self {
+        match frame {
+            CloudFrame::Base => Self::Base,
+            CloudFrame::Camera => Self::Camera,
+            CloudFrame::Unknown => Self::Unknown,
+        }
+    }
 }
 
 /// What the plan says, before anything is made of it.

@@ -13,6 +13,9 @@ const known = (values) => values.filter((v) => v !== null && v !== undefined);
 const used = summary.views.filter((v) => v.left_out === null);
 const unitAfter = (unit) => (unit === "°" ? unit : ` ${unit}`);
 
+// Whose frame all coordinates are in.
+const FRAMES = { base: "base frame", camera: "the camera's frame", unknown: "the scan's own frame" };
+
 export function head() {
   $("title").textContent = content.title;
   const views = summary.views.length;
@@ -20,7 +23,7 @@ export function head() {
     views ? plural(views, "view") : seams.length > 0 && "one cloud",
     content.clouds.model && `${content.clouds.model.of.toLocaleString("en")} points in the model`,
     `weldpath ${summary.weldpath}`,
-    "base frame, millimetres",
+    `${FRAMES[summary.frame]}, millimetres`,
   ].filter(Boolean).join(" · ");
 }
 
