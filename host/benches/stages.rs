@@ -208,7 +208,7 @@ fn seam(bencher: Bencher, case: Case) {
     let asymmetries = edges::asymmetries(&index, reach_mm);
     let model =
         seam::SurfaceModel { voxels: &voxels, cloud: &model, index: &index, asymmetries: &asymmetries };
-    let input = seam::Input { scan, model, cues: seam::Cues::default() };
+    let input = seam::Input { scan, model, scene: &voxels, cues: seam::Cues::default() };
     run(bencher, case, || seam::extraction::find(&input, &Default::default()).seams);
 }
 

@@ -40,6 +40,7 @@ mod transform;
 mod units;
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
@@ -71,6 +72,8 @@ pub struct Options {
 pub struct Scan {
     /// One per camera pose; never empty, and no view is empty.
     pub views: Vec<View>,
+    /// What was there before the work; empty if nothing is known of it.
+    pub background: Arc<[View]>,
     /// What was derived and how, such as `units: metres (extent 0.6)`.
     pub notes: Vec<String>,
     /// What the user should know.
@@ -81,6 +84,36 @@ pub struct Scan {
     pub frame: CloudFrame,
     /// Files read, in the order of reading.
     pub inputs: Vec<PathBuf>,
+}
+
+impl Scan {
+    /// Of these views, read from one file, with nothing to be said of it.
+    fn of(views: Vec<View>, frame: CloudFrame, path: &Path) -> Self {
+        let background = Arc::default();
+        let (notes, warnings, doubts, inputs) = (Vec::new(), Vec::new(), Vec::new(), vec![path.into()]);
+        Self { views, background, notes, warnings, doubts, frame, inputs }
+    }
+
+    /// The same work, and `before` it what was there.
+    ///
+    /// # Errors
+    /// If both are not in one frame. A cloud that does not tell is taken to be in that of the scan.
+    pub fn over(self, before: Self) -> Result<Self, Error> {
+        let [own, other] = [self.frame, before.frame];
+        let known = [own, other].into_iter().all(|frame| frame != CloudFrame::Unknown);
+        let is_camera = |frame| frame == CloudFrame::Camera;
+        if known && own != other || is_camera(other) && !is_camera(own) {
+            let path = before.inputs.first().cloned().unwrap_or_default();
+            let [scan, background] = [own, other].map(CloudFrame::words);
+            let problem = format!("its coordinates are {background}, and those of the scan are {scan}");
+            let help = "Scan the background with poses as the work is scanned, or give a cloud of it in the frame of the scan";
+            return Err(Error::malformed(&path, "background", problem, help));
+        }
+        let inputs = self.inputs.into_iter().chain(before.inputs).collect();
+        let notes = before.notes.iter().map(|note| format!("background: {note}"));
+        let notes = self.notes.into_iter().chain(notes).collect();
+        Ok(Self { background: before.views.into(), inputs, notes, ..self })
+    }
 }
 
 /// Why INPUT could not be read: the file, the place in it, and a way out.
@@ -355,7 +388,9 @@ fn single(mut raw: Raw, path: &Path, options: &Options) -> Result<Scan, Error> {
     } else {
         mesh::sample(&raw, &extent, mm_per_unit, path, &mut notes)?
     };
-    Ok(Scan { views: vec![view], notes, warnings, doubts: Vec::new(), frame, inputs: vec![path.into()] })
+    let mut scan = Scan::of(vec![view], frame, path);
+    (scan.notes, scan.warnings) = (notes, warnings);
+    Ok(scan)
 }
 
 /// A cloud as a view whose origin is the camera or, where none is known, the middle of the cloud. File units.

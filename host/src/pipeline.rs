@@ -1,12 +1,15 @@
 //! The method on one page: the paper's Fig. 1 from views to torch paths.
 
+pub mod background;
 pub mod calibration;
+pub mod exclusion;
 mod reconstructed;
 mod scale_search;
 pub mod touch;
 
+use self::exclusion::{Exclusion, Scene};
 use self::reconstructed::Reconstructed;
-use self::scale_search::{Model, ScaleResult, ScaleSearch};
+use self::scale_search::{ScaleResult, ScaleSearch};
 use crate::geometry::cloud::{Merged, PointCloud, View};
 use crate::geometry::grid::Grid;
 pub use crate::model::agreement::{HandEyeError, Misfit, ViewReport};
@@ -53,6 +56,8 @@ pub struct Config {
     pub calibration: Option<Calibration>,
     /// Voxel grid.
     pub downsampling: downsampling::VoxelConfig,
+    /// What is scanned and is no work.
+    pub exclusion: Exclusion,
     /// Seams and their refinement.
     pub seam: SeamConfig,
 }
@@ -66,6 +71,7 @@ impl Default for Config {
             anchor: Some(Anchor::default()),
             calibration: None,
             downsampling: downsampling::VoxelConfig::default(),
+            exclusion: Exclusion::default(),
             seam: SeamConfig::default(),
         }
     }
@@ -203,37 +209,32 @@ pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Re
     let hand_eye = agreement.hand_eye;
     let (views, patches) = (agreement.of(views), agreement.of(&patches));
     let (views, patches, registration) = (&views[..], &patches[..], agreement.registration);
-    let merged = clock.time("merge", || Merged::new(views, &registration.base_from_camera));
+    let whole = clock.time("merge", || Merged::new(views, &registration.base_from_camera));
+    let first = downsampling::Scale::of(&whole, patches, &config.downsampling);
+    let scene = clock.time("exclusion", || Scene::new(whole, &first, config))?;
+    let merged = scene.work();
     let raw = clock.time("index", || Grid::new(&merged.points_mm, RAW_CELL_MM));
-    let first = downsampling::Scale::of(&merged, patches, &config.downsampling);
-    let search = ScaleSearch { views, merged: &merged, raw: &raw, registration: &registration, config };
-    let ScaleResult { scale, model, found } = search.best(&first, &mut clock, observer)?;
-    let Model { voxels, cloud, index, .. } = &model;
-    let intensity = &found.intensity;
-    let rejected = &found.warnings;
-    observer.evidence(&Evidence {
-        merged: &merged,
-        raw: &raw,
-        voxels,
-        model: cloud,
-        index,
-        intensity,
-        rejected,
-    });
+    let excluded = scene.excluded();
+    let search = ScaleSearch { views, merged, excluded, raw: &raw, registration: &registration, config };
+    let ScaleResult { scale, model, mut found } = search.best(&first, &mut clock, observer)?;
+    scene.trim(&mut found, views);
+    scene.show(&model, &raw, &found, observer);
     if found.seams.is_empty() {
-        return Err(no_seam(found.reason));
+        return Err(no_seam(scene.reason(found.reason)));
     }
     let along = || found.seams.iter().map(SeamPath::along).collect();
     let paths = clock.stage("toolpath", observer, along);
-    let gaps = || coverage::gaps(&found.seams, &merged, &raw, search.cameras_known());
+    let gaps = || coverage::gaps(&found.seams, merged, &raw, search.cameras_known());
     let coverage = clock.time("coverage", gaps);
     let orientation_assumed = found.orientation_assumed;
     warnings.extend(found.warnings);
     warnings.extend(coverage.iter().map(coverage::Gap::words));
-    let derived = derived(&scale, found.gate);
+    warnings.extend(scene.warning());
+    let mut derived = derived(&scale, found.gate);
+    derived.extend(scene.derived());
     let (seams, stage_s) = (found.seams, clock.stages);
     Ok(Plan {
-        model: model.cloud,
+        model: model.into_scene(),
         seams,
         paths,
         coverage,

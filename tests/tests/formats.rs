@@ -104,6 +104,8 @@ fn the_committed_schema_is_that_of_the_job_and_has_every_documented_key_and_no_o
     schema_keys(&serde_json::from_str(&committed).unwrap(), &mut known);
     let tables = [
         "scan",
+        "exclude",
+        "half_space",
         "selection",
         "order",
         "path",

@@ -1,6 +1,6 @@
 //! `weldpath plan`: one cloud or scan in, the seams' paths and a robot program out.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use weldpath::files::{File, reading};
 use weldpath::output::summary::Source;
@@ -102,6 +102,12 @@ pub(super) struct Args {
     /// Weld the seams that lie in this box by half or more, mm, base frame
     #[arg(long, value_name = "X,Y,Z..X,Y,Z", allow_hyphen_values = true)]
     roi: Option<Region>,
+    /// Seek no seam in this box, mm, base frame: what is in it is no work, but in the torch's way; may be given several times
+    #[arg(long, value_name = "X,Y,Z..X,Y,Z", allow_hyphen_values = true)]
+    exclude: Vec<Region>,
+    /// The empty cell or fixture, scanned before: folder with scan.json, or one cloud in the frame of the scan; seek no seam there
+    #[arg(long, value_name = "SCAN")]
+    background: Option<PathBuf>,
     /// How seams are found; the paper's way is for comparison [default: weldpath]
     #[arg(long)]
     method: Option<MethodName>,
@@ -221,6 +227,12 @@ fn job(args: &Args) -> Result<Job, Failure> {
     replace(&mut job.arc.output, args.arc_output);
     job.selection.near_mm = args.near.or(job.selection.near_mm);
     job.selection.roi_mm = args.roi.or(job.selection.roi_mm);
+    if !args.exclude.is_empty() {
+        job.exclude.boxes_mm.clone_from(&args.exclude);
+    }
+    if let Some(background) = args.background.as_ref().or(job.exclude.background.as_ref()) {
+        job.exclude.background = Some(absolute(background, "name the scan of the empty cell")?);
+    }
     if let Some(id) =
         args.seam.iter().enumerate().find(|(at, id)| args.seam[..*at].contains(id)).map(|(_, id)| id)
     {
@@ -290,6 +302,11 @@ pub(super) fn input(given: Option<&PathBuf>, job: &Job) -> Result<PathBuf, Failu
     let path = path.ok_or_else(|| {
         Failure::new(Exit::Usage, "neither INPUT nor the job file says what to plan").hint(hint)
     })?;
+    absolute(path, hint)
+}
+
+/// The same from any folder, and a text that job.toml can hold.
+fn absolute(path: &Path, hint: &str) -> Result<PathBuf, Failure> {
     let missing =
         |error| Failure::new(Exit::Input, format!("cannot read {}: {error}", path.display())).hint(hint);
     let path = std::fs::canonicalize(path).map_err(missing)?;

@@ -48,6 +48,18 @@ impl PointCloud {
         self.origin_mm + self.points_mm[i].coords.cast::<f64>()
     }
 
+    /// The first `count` points stay; the others are given back.
+    pub fn split_off(&mut self, count: usize) -> Self {
+        let normals = self.normals.split_off(count.min(self.normals.len()));
+        Self { origin_mm: self.origin_mm, points_mm: self.points_mm.split_off(count), normals }
+    }
+
+    /// Joins a cloud about the same origin.
+    pub fn append(&mut self, mut other: Self) {
+        self.points_mm.append(&mut other.points_mm);
+        self.normals.append(&mut other.normals);
+    }
+
     /// Number of points.
     pub fn len(&self) -> usize {
         self.points_mm.len()
@@ -102,6 +114,21 @@ impl Merged {
             merged.normals.clear();
         }
         merged
+    }
+
+    /// The points that stay and those that `leave`, each with all that is known of them, in their order.
+    pub fn parted(&self, leave: &[bool]) -> [Self; 2] {
+        [false, true].map(|leaving| {
+            let chosen: Vec<usize> = (0..self.points_mm.len()).filter(|&k| leave[k] == leaving).collect();
+            let normals = if self.normals.is_empty() { &[][..] } else { &chosen[..] };
+            Self {
+                points_mm: chosen.iter().map(|&k| self.points_mm[k]).collect(),
+                view: chosen.iter().map(|&k| self.view[k]).collect(),
+                normals: normals.iter().map(|&k| self.normals[k]).collect(),
+                cameras_mm: self.cameras_mm.clone(),
+                ..*self
+            }
+        })
     }
 
     /// Direction from point `k` to the camera that saw it, unit; `None` where the camera is assumed.

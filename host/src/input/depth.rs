@@ -141,16 +141,12 @@ pub(super) fn read_single(bytes: &[u8], path: &Path, options: &Options) -> Resul
         camera_known: true,
         mesh: None,
     };
-    Ok(Scan {
-        views: vec![view],
-        notes: vec!["frame: the camera's, since no pose is given".into()],
-        warnings: vec![
-            "each step of the depth image is read as 1 mm; if it is another, write a scan.json with depth_scale_m".into(),
-        ],
-        doubts: Vec::new(),
-        frame: CloudFrame::Camera,
-        inputs: vec![path.into()],
-    })
+    let mut scan = Scan::of(vec![view], CloudFrame::Camera, path);
+    scan.notes.push("frame: the camera's, since no pose is given".into());
+    scan.warnings.push(
+        "each step of the depth image is read as 1 mm; if it is another, write a scan.json with depth_scale_m".into(),
+    );
+    Ok(scan)
 }
 
 /// The warning that goes with [`PRIMESENSE`], of a folder of images.

@@ -12,6 +12,17 @@ pub enum CloudFrame {
     Unknown,
 }
 
+impl CloudFrame {
+    /// Whose coordinates they are.
+    pub(super) const fn words(self) -> &'static str {
+        match self {
+            Self::Base => "those of the robot's base",
+            Self::Camera => "those of its camera",
+            Self::Unknown => "nobody knows whose",
+        }
+    }
+}
+
 /// What is doubtful about a scan.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DoubtKind {

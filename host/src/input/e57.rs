@@ -27,14 +27,7 @@ pub(super) fn read(bytes: Vec<u8>, path: &Path, options: &Options) -> Result<Sca
     };
     let mut reader = E57Reader::new(Cursor::new(bytes)).map_err(bad)?;
     let unit = Unit::chosen(options.units).unwrap_or(Unit::Metre);
-    let mut scan = Scan {
-        views: Vec::new(),
-        notes: Vec::new(),
-        warnings: Vec::new(),
-        doubts: Vec::new(),
-        frame: CloudFrame::Unknown,
-        inputs: vec![path.into()],
-    };
+    let mut scan = Scan::of(Vec::new(), CloudFrame::Unknown, path);
     scan.notes.push(format!("units: {} (E57 is in metres)", unit.name()));
     if unit != Unit::Metre {
         scan.warnings.push("--units overrules the metres of E57".into());

@@ -86,14 +86,7 @@ impl Manifest {
 /// Reads `scan.json` and every file that it names.
 pub(super) fn read(path: &Path, options: &Options) -> Result<Scan, Error> {
     let manifest = load(path)?;
-    let mut scan = Scan {
-        views: Vec::new(),
-        notes: Vec::new(),
-        warnings: Vec::new(),
-        doubts: Vec::new(),
-        frame: manifest.frame(),
-        inputs: vec![path.into()],
-    };
+    let mut scan = Scan::of(Vec::new(), manifest.frame(), path);
     let unit = unit(&manifest, options, &mut scan);
     if !options.allow_outside {
         refuse_outside(&manifest, path)?;

@@ -48,7 +48,8 @@ pub(super) fn read_folder(folder: &Path, options: &Options) -> Result<Scan, Erro
     check_direction(&views, &file)?;
     let notes = vec![format!("{} camera poses from {}", images.len(), file.display())];
     let inputs = std::iter::once(file).chain(images).collect();
-    Ok(Scan { views, notes, warnings, doubts: Vec::new(), frame: CloudFrame::Unknown, inputs })
+    let scan = Scan::of(views, CloudFrame::Unknown, folder);
+    Ok(Scan { notes, warnings, inputs, ..scan })
 }
 
 /// Open3D's name of a file with intrinsics.

@@ -165,6 +165,28 @@ impl Voxels {
         self.cloud.normals = normals;
     }
 
+    /// Joins voxels of the same size about the same origin.
+    pub fn append(&mut self, mut other: Self) {
+        self.cloud.append(other.cloud);
+        self.count.append(&mut other.count);
+        self.toward_camera.append(&mut other.toward_camera);
+        self.view.append(&mut other.view);
+    }
+
+    /// The first `count` of them.
+    pub fn first(&self, count: usize) -> Self {
+        let mut cloud = self.cloud.clone();
+        cloud.split_off(count);
+        let count = count.min(self.count.len());
+        Self {
+            cloud,
+            count: self.count[..count].to_vec(),
+            toward_camera: self.toward_camera[..count].to_vec(),
+            view: self.view[..count].to_vec(),
+            edge_mm: self.edge_mm,
+        }
+    }
+
     /// Takes as each point's normal that of its neighbours within `radius_mm`, as the paper does, toward its cameras.
     pub fn fit_around_points(&mut self, radius_mm: f32) {
         let grid = Grid::new(&self.cloud.points_mm, radius_mm);

@@ -121,7 +121,7 @@ mod tests {
 
     #[test]
     fn the_body_holds_what_the_header_declares() {
-        let bytes = write(&cloud(0.0));
+        let bytes = write(&cloud(0.0), PathFrame::Base);
         let (header, body) = split(&bytes);
         assert!(header.starts_with("ply\nformat binary_little_endian 1.0\n"));
         assert!(header.contains("element vertex 4\n"));
@@ -135,7 +135,7 @@ mod tests {
 
     #[test]
     fn far_from_the_origin_no_digit_is_lost() {
-        let bytes = write(&cloud(1e8));
+        let bytes = write(&cloud(1e8), PathFrame::Base);
         let (header, body) = split(&bytes);
         assert!(header.contains("property double x\n"));
         assert_eq!(body.len(), 4 * 36);
@@ -144,7 +144,7 @@ mod tests {
 
     #[test]
     fn an_empty_cloud_is_a_valid_file() {
-        let bytes = write(&PointCloud::default());
+        let bytes = write(&PointCloud::default(), PathFrame::Base);
         assert!(split(&bytes).0.contains("element vertex 0\n"));
         assert!(split(&bytes).1.is_empty());
     }
@@ -152,7 +152,7 @@ mod tests {
     #[test]
     fn a_model_read_back_is_the_model() {
         for origin_mm in [0.0, 500_000.25] {
-            let back = read(&write(&cloud(origin_mm))).unwrap();
+            let back = read(&write(&cloud(origin_mm), PathFrame::Base)).unwrap();
             assert_eq!(back.len(), 4);
             assert!((back.in_base_mm(3) - cloud(origin_mm).in_base_mm(3)).norm() < 1e-6);
             assert_eq!(back.normals, cloud(origin_mm).normals);
@@ -161,7 +161,7 @@ mod tests {
 
     #[test]
     fn what_is_no_model_is_refused() {
-        let good = write(&cloud(0.0));
+        let good = write(&cloud(0.0), PathFrame::Base);
         let text = |from: &str, to: &str| {
             let at = good.windows(from.len()).position(|w| w == from.as_bytes()).unwrap();
             [&good[..at], to.as_bytes(), &good[at + from.len()..]].concat()

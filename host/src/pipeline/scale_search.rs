@@ -30,7 +30,10 @@ const MIN_POINTS: usize = 40;
 /// Registered views, in which seams are sought.
 pub(super) struct ScaleSearch<'a> {
     pub views: &'a [View],
+    /// What is work.
     pub merged: &'a Merged,
+    /// What is excluded: no seam is sought in it, but it is in the way.
+    pub excluded: Option<&'a Merged>,
     /// Spatial index of its points.
     pub raw: &'a Grid,
     pub registration: &'a Registration,
@@ -51,6 +54,8 @@ pub(super) struct Model {
     /// Spatial index of the cloud.
     pub index: Grid,
     asymmetries: Vec<Vector3<f32>>,
+    /// Where something is excluded: all that was scanned, first what is above.
+    whole: Option<(Voxels, PointCloud)>,
     /// Where no camera tells the sides: what was found of them.
     oriented: Option<Orientation>,
     /// Whether the table is in a cloud of unknown cameras.
@@ -61,6 +66,16 @@ impl Model {
     fn surface(&self) -> SurfaceModel<'_> {
         let Self { voxels, cloud, index, asymmetries, .. } = self;
         SurfaceModel { voxels, cloud, index, asymmetries }
+    }
+
+    /// All that was scanned, thinned, before the filter and after it.
+    pub(super) fn scene(&self) -> (&Voxels, &PointCloud) {
+        self.whole.as_ref().map_or((&self.voxels, &self.cloud), |(voxels, cloud)| (voxels, cloud))
+    }
+
+    /// The filtered cloud of all that was scanned.
+    pub(super) fn into_scene(self) -> PointCloud {
+        self.whole.map_or(self.cloud, |(_, cloud)| cloud)
     }
 }
 
@@ -135,7 +150,7 @@ impl ScaleSearch<'_> {
             Method::Weldpath => {
                 let scan = RawScan { table_shown: model.table_shown, ..self.raw_scan() };
                 let cues = Cues { steps: cues.steps || model.table_shown, ..cues };
-                let input = Input { scan, model: model.surface(), cues };
+                let input = Input { scan, model: model.surface(), scene: model.scene().0, cues };
                 match self.mesh() {
                     Some((mesh, pose)) => extraction::find_in_mesh(&input, mesh, pose, &self.config.seam),
                     None => extraction::find(&input, &self.config.seam),
@@ -154,6 +169,11 @@ impl ScaleSearch<'_> {
         let mut voxels = clock.stage("downsampling", observer, || {
             downsampling::voxel_grid(self.merged, scale.edge_mm, scale.occupancy())
         });
+        // Sides and the table are told from all that was scanned, seams are sought in the work alone.
+        let work = voxels.cloud.len();
+        if let Some(excluded) = self.excluded {
+            voxels.append(downsampling::voxel_grid(excluded, scale.edge_mm, scale.occupancy()));
+        }
         if self.config.method != Method::Weldpath {
             voxels.fit_around_points(scale.bilateral().radius_mm);
         }
@@ -163,22 +183,33 @@ impl ScaleSearch<'_> {
         let looked =
             || orientation_unknown.then(|| orientation::seen(&voxels, !self.merged.normals.is_empty()));
         let filtered = || {
-            let cloud = denoising::bilateral(&voxels.cloud, &scale.bilateral());
+            let mut cloud = denoising::bilateral(&voxels.cloud, &scale.bilateral());
+            let excluded = cloud.split_off(work);
             let reach_mm = INDEX_VOXELS * voxels.edge_mm;
             let index = Grid::new(&cloud.points_mm, reach_mm);
             let asymmetries = edges::asymmetries(&index, reach_mm);
-            (cloud, index, asymmetries)
+            (cloud, excluded, index, asymmetries)
         };
-        let (oriented, (mut cloud, index, asymmetries)) =
+        let (mut oriented, (mut cloud, mut excluded, index, asymmetries)) =
             clock.stage("denoising", observer, || rayon::join(looked, filtered));
-        if let Some(oriented) = &oriented {
-            cloud.normals.clone_from(&oriented.normals);
+        if let Some(oriented) = &mut oriented {
             voxels.turn(oriented.normals.clone());
+            excluded.normals = oriented.normals.split_off(work);
+            oriented.unknown.truncate(work);
+            cloud.normals.clone_from(&oriented.normals);
         }
         let table_shown = orientation_unknown && support::is_table_shown(&voxels);
-        observer.cloud("downsampling", &voxels.cloud);
-        observer.cloud("denoising", &cloud);
-        Model { voxels, cloud, index, asymmetries, oriented, table_shown }
+        let whole = self.excluded.map(|_| {
+            let mut all = cloud.clone();
+            all.append(excluded);
+            let work = voxels.first(work);
+            (std::mem::replace(&mut voxels, work), all)
+        });
+        let model = Model { voxels, cloud, index, asymmetries, whole, oriented, table_shown };
+        let (thinned, filtered) = model.scene();
+        observer.cloud("downsampling", &thinned.cloud);
+        observer.cloud("denoising", filtered);
+        model
     }
 
     /// Whether larger voxels have nothing to add. Views that show a whole scene without a seam at their own scale

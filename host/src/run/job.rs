@@ -5,6 +5,7 @@
 //! How a weld is made is a [`layer`]: the whole job's, a seam's own on top of it, and a pass's on top of that.
 
 pub mod calibration;
+pub mod exclude;
 pub mod layer;
 pub mod quantity;
 pub mod refusal;
@@ -28,6 +29,7 @@ use crate::robot::feasibility::{self, FeasibilitySetup, PlacedArm};
 use crate::robot::tool::Tool;
 use crate::weld::recipe::Recipe;
 use calibration::CalibrationSettings;
+use exclude::ExcludeSettings;
 pub use layer::{
     PassSettings, PathSettings, SeamSettings, StitchSettings, TorchSettings, WeaveSettings, Weld,
 };
@@ -82,6 +84,9 @@ pub struct Job {
     pub accept: Vec<ReasonId>,
     /// How exact the robot's poses and the hand-eye transform are.
     pub scan: ScanSettings,
+    /// What is scanned and is no work.
+    #[serde(skip_serializing_if = "ExcludeSettings::is_empty")]
+    pub exclude: ExcludeSettings,
     /// Places that the robot's own tip touched.
     #[serde(rename = "touch", skip_serializing_if = "Vec::is_empty")]
     pub touches: Vec<TouchSettings>,
@@ -236,6 +241,7 @@ impl Job {
         let mut job = Self::parse(&text, path)?;
         let folder = path.parent().unwrap_or(Path::new(""));
         job.input = job.input.map(|input| folder.join(input));
+        job.exclude = job.exclude.within(folder);
         Ok(job)
     }
 
@@ -307,7 +313,8 @@ impl Job {
         };
         let anchor = Some(self.scan.anchor());
         let calibration = self.scan.calibration.as_ref().map(CalibrationSettings::calibration);
-        pipeline::Config { method, anchor, calibration, ..pipeline::Config::default() }
+        let exclusion = self.exclude.exclusion();
+        pipeline::Config { method, anchor, calibration, exclusion, ..pipeline::Config::default() }
     }
 
     /// What the feasibility check needs; none if neither a robot nor a torch is given.

@@ -1,7 +1,9 @@
 //! The scan of a job, read and planned: the one way that the command and the page that edits a job both take.
 
 use std::path::Path;
+use std::sync::Arc;
 
+use crate::geometry::cloud::View;
 use crate::input::{self, CloudFrame, Scan};
 use crate::output::summary::Source;
 use crate::pipeline::touch::{self, Touch};
@@ -26,10 +28,10 @@ pub const PASSED: [(&str, u64); 7] = [
 const UNUSED_CALIBRATION: &str =
     "the calibration is not used: nothing says where the camera was, or that the coordinates are the robot's";
 
-/// Reads the input that the job names.
+/// Reads the input that the job names, and what was there before.
 ///
 /// # Errors
-/// If there is none, or it cannot be read.
+/// If there is no input, one of them cannot be read, or both are not in one frame.
 pub fn read(job: &Job, allow_outside: bool) -> Result<Scan, input::Error> {
     let options = input::Options {
         units: job.units,
@@ -38,7 +40,11 @@ pub fn read(job: &Job, allow_outside: bool) -> Result<Scan, input::Error> {
         frame: job.frame,
         allow_outside,
     };
-    input::read(job.input.as_deref().unwrap_or(Path::new(".")), &options)
+    let scan = input::read(job.input.as_deref().unwrap_or(Path::new(".")), &options)?;
+    let Some(background) = &job.exclude.background else { return Ok(scan) };
+    // What is said of the work's cloud is not said of another.
+    let options = input::Options { camera_mm: None, frame: None, ..options };
+    scan.over(input::read(background, &options)?)
 }
 
 /// All seams of a scan, as the job says they are found.
@@ -56,6 +62,7 @@ pub fn plan(scan: &Scan, job: &Job, observer: &mut impl Observer) -> Result<Plan
     if !calibrated {
         config.calibration = None;
     }
+    config.exclusion.background = Arc::clone(&scan.background);
     let mut plan = pipeline::plan(&scan.views, &config, observer)?;
     if !job.touches.is_empty() {
         plan = touched(&plan, scan, job, &config, observer)?;
@@ -78,11 +85,14 @@ fn touched(
     }
     let touches: Vec<Touch> = job.touches.iter().map(TouchSettings::touch).collect();
     let touched = touch::fit(plan, &touches)?;
-    let mut views = scan.views.clone();
-    views
-        .iter_mut()
-        .for_each(|view| view.base_from_camera = touched.base_from_planned * view.base_from_camera);
-    let mut plan = pipeline::plan(&views, config, observer)?;
+    let moved = |view: &View| View {
+        base_from_camera: touched.base_from_planned * view.base_from_camera,
+        ..view.clone()
+    };
+    let views: Vec<View> = scan.views.iter().map(moved).collect();
+    let mut config = config.clone();
+    config.exclusion.background = scan.background.iter().map(moved).collect();
+    let mut plan = pipeline::plan(&views, &config, observer)?;
     touched.settle(&mut plan);
     Ok(plan)
 }
@@ -102,10 +112,10 @@ pub fn source(scan: &Scan, job: &Job) -> Source {
 pub fn finds_the_same(a: &Job, b: &Job) -> bool {
     let search = |job: &Job| {
         let Job {
-            input, units, intrinsics, camera_mm, frame, method, ratio_threshold, scan, touches, ..
+            input, units, intrinsics, camera_mm, frame, method, ratio_threshold, scan, exclude, ..
         } = job.clone();
         let read = (input, units, intrinsics, camera_mm, frame);
-        (read, method, ratio_threshold, scan, touches)
+        (read, method, ratio_threshold, scan, exclude, job.touches.clone())
     };
     search(a) == search(b)
 }

@@ -50,7 +50,7 @@ const OPEN_ROUNDS: usize = 3;
 pub fn find(input: &Input, config: &SeamConfig) -> Found {
     let v = input.model.voxel_mm();
     let scores = edges::score(&input.model);
-    let table = support::find(input.model.voxels);
+    let table = support::find(input.scene);
     let third_face = config.corner.third_face && input.scan.merged.cameras_mm.len() > 1;
     let corner_config = CornerConfig { third_face, ..config.corner };
     let corners = Corners::parted(corner::corners(&input.model, &scores, &corner_config), |c| {

@@ -16,6 +16,8 @@ pub struct Input<'a> {
     pub scan: RawScan<'a>,
     /// The model that was made of them.
     pub model: SurfaceModel<'a>,
+    /// The work and all that stands round it, thinned, in which the table is recognised; the model's own where nothing was excluded.
+    pub scene: &'a Voxels,
     /// What is looked for besides sharp inside corners.
     pub cues: Cues,
 }

@@ -1,5 +1,7 @@
 //! What was found in a scan: kept, so that an edit of how the seams are welded needs no new search.
 
+use std::sync::Arc;
+
 use crate::files::reading::{self, Stamp};
 use crate::input::Scan;
 use crate::pipeline::Plan;
@@ -32,7 +34,13 @@ impl Found {
         plan: Plan,
         recording: Recording,
     ) -> Self {
-        Self { job: job.clone(), stamps, scan: Scan { views: Vec::new(), ..scan }, plan, recording }
+        Self {
+            job: job.clone(),
+            stamps,
+            scan: Scan { views: Vec::new(), background: Arc::default(), ..scan },
+            plan,
+            recording,
+        }
     }
 
     /// Whether this job finds the same, in files that are as they were.

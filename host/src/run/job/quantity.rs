@@ -268,6 +268,11 @@ pub struct Region {
 }
 
 impl Region {
+    /// Its least and its greatest corner.
+    pub fn corners_mm(&self) -> [Point3<f64>; 2] {
+        [self.least.point_mm(), self.greatest.point_mm()]
+    }
+
     /// Whether `p_mm` lies in the box or on its surface.
     pub fn contains(&self, p_mm: &Point3<f64>) -> bool {
         (0..3).all(|axis| (self.least.0[axis]..=self.greatest.0[axis]).contains(&p_mm[axis]))
