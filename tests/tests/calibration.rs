@@ -7,6 +7,7 @@ use weldpath::input::{self, Scan};
 use weldpath::lab::evaluation::{Options, PathSet, Truth, score};
 use weldpath::lab::simulation::{CellErrors, Part, Request, SensorErrors, simulate, write};
 use weldpath::output::csv;
+use weldpath::output::frame::PathFrame;
 use weldpath::pipeline::calibration::{self, Error, Loose};
 use weldpath::pipeline::{self, Anchor, Calibration, CellAccuracy, Config, Plan};
 use weldpath_tests::command::weldpath;
@@ -39,7 +40,8 @@ fn of_cell(part: Part, seed: u64, sensor: SensorErrors) -> (Scan, Truth) {
 }
 
 fn rmse_mm(plan: &Plan, truth: &Truth) -> f64 {
-    let paths = PathSet::parse(csv::write(&plan.paths).as_ref(), Path::new("path.csv")).unwrap();
+    let paths =
+        PathSet::parse(csv::write(&plan.paths, PathFrame::Base).as_ref(), Path::new("path.csv")).unwrap();
     score(&paths, truth, &Options::default()).rmse_mm.unwrap_or(f64::INFINITY)
 }
 
