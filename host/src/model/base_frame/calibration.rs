@@ -34,12 +34,13 @@ impl Calibration {
         let at = free.covariance.nrows() - SHARED;
         let covariance = free.covariance.fixed_view::<SHARED, SHARED>(at, at) + contradictions;
         let scale_sigma = covariance[(DEPTH_SCALE, DEPTH_SCALE)].sqrt();
-        let found = if free.camera.depth_scale.abs() > SIGNIFICANT * scale_sigma { free } else { exact };
-        Self {
-            camera_from_corrected: found.hand_eye,
-            camera: taken_out.unwrap_or_default() + found.camera,
-            covariance,
-        }
+        let taken_out = taken_out.unwrap_or_default();
+        let (found, camera) = if free.camera.depth_scale.abs() > SIGNIFICANT * scale_sigma {
+            (free, free.camera)
+        } else {
+            (exact, CameraErrors { depth_scale: 0.0, ..exact.camera })
+        };
+        Self { camera_from_corrected: found.hand_eye, camera: taken_out + camera, covariance }
     }
 
     /// Nothing known but what is usual.
