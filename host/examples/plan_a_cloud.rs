@@ -4,8 +4,7 @@
 
 use std::path::Path;
 
-use weldpath::output::csv;
-use weldpath::output::frame::PathFrame;
+use weldpath::output::{csv, frame::PathFrame};
 use weldpath::{input, pipeline};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {

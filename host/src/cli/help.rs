@@ -32,6 +32,7 @@ const EXAMPLES: &[(&str, &[(&str, &str)])] = &[
                 "and a program for a KUKA robot",
             ),
             ("weldpath plan --job out/job.toml --seam 2 --out again", "as before, but seam 2 only"),
+            ("weldpath plan scan4 --calibration calibration.toml", "with what `weldpath calibrate` found"),
             ("weldpath plan scan --json", "for scripts: summary.json on standard output"),
         ],
     ),
@@ -58,7 +59,7 @@ const EXAMPLES: &[(&str, &[(&str, &str)])] = &[
         "calibrate",
         &[
             ("weldpath calibrate scan1 scan2 scan3", "three parts that the same cell scanned"),
-            ("weldpath plan scan4 --calibration calibration.toml", "the next one, with what they told"),
+            ("weldpath calibrate scan1 scan2 --out cell.toml", "to a file of another name"),
         ],
     ),
     ("refit", &[("weldpath refit out new_scan --out refitted", "the saved program, where the part is now")]),

@@ -97,7 +97,7 @@ impl CalibrationSettings {
     pub(super) fn fault(&self) -> Option<(&'static str, String)> {
         let share = |key, value: f64, most: f64| {
             let is_usual = value.abs() <= most;
-            (!is_usual).then(|| (key, format!("{value} is not -{most} to {most}")))
+            (!is_usual).then(|| (key, format!("{key} = {value} is not -{most} to {most}")))
         };
         let [column, row] = self.centre;
         let values = [
