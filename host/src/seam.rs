@@ -14,6 +14,7 @@
 //! eqs. (13)-(17), is [`score::paper`].
 
 mod description;
+mod error;
 pub mod extraction;
 pub mod facets;
 pub mod input;
@@ -23,6 +24,7 @@ pub mod refine;
 pub mod score;
 pub mod trace;
 
+pub use error::ErrorParts;
 pub use input::{Cues, INDEX_VOXELS, Input, RawScan, SurfaceModel};
 
 use crate::model::orientation::Orientation;
@@ -98,8 +100,8 @@ pub struct Seam {
     /// Expected RMSE across the seam relative to the views that saw it, mm: how well it is known on the part, wherever the part
     /// may be.
     pub relative_error_mm: f64,
-    /// The part of it, one standard deviation, that comes from a corner which the camera rounds or fills, or which has a radius, mm.
-    pub corner_error_mm: f64,
+    /// What comes from where.
+    pub error_parts: ErrorParts,
     /// One standard deviation of the position across the seam in the robot's base frame, both axes together, mm: the error
     /// within the scan, and that of the frame. Not a number where nothing is known of the frame.
     pub base_error_mm: f64,

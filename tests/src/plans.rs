@@ -6,7 +6,7 @@ use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, UnitQuaternion, Vector3};
 use weldpath::geometry::cloud::PointCloud;
 use weldpath::lab::evaluation::{Truth, TruthSeam};
 use weldpath::pipeline::{Derived, Plan, ViewReport};
-use weldpath::seam::{Joint, Seam, Station};
+use weldpath::seam::{ErrorParts, Joint, Seam, Station};
 use weldpath::weld::{PathPoint, Process, SeamPath};
 
 /// Corner of the bent seam, mm.
@@ -122,7 +122,13 @@ fn seam(path: &SeamPath) -> Seam {
         confidence: 0.9,
         expected_error_mm: 0.05,
         relative_error_mm: 0.05,
-        corner_error_mm: 0.0,
+        error_parts: ErrorParts {
+            noise_mm: 0.05,
+            registration_mm: 0.0,
+            calibration_mm: 0.296,
+            corner_mm: 0.0,
+            touch_mm: 0.0,
+        },
         expected_error_deg: 0.4,
         base_error_mm: 0.3,
         base_error_deg: 0.5,

@@ -16,6 +16,7 @@ use weldpath::output::verdict::ReasonId;
 use weldpath::pipeline::{self, Anchor, Config, Plan};
 use weldpath::run::job::Job;
 use weldpath::run::verdict;
+use weldpath::seam::Seam;
 use weldpath_tests::adversary::Random;
 
 /// A cell of everyday quality: what findings call "hand-eye off by 2 mm and 0.5 degrees, robot true to 0.1 mm".
@@ -74,13 +75,22 @@ fn plan(views: &[View], anchor: Anchor) -> Plan {
     pipeline::plan(views, &config, &mut ()).unwrap_or_else(|error| panic!("{error}"))
 }
 
+fn parts_sum_to_the_whole(seam: &Seam) {
+    let parts = seam.error_parts;
+    let all = [parts.noise_mm, parts.registration_mm, parts.calibration_mm, parts.corner_mm, parts.touch_mm];
+    // A part of which nothing is known is none.
+    let sum: f64 = all.iter().filter(|mm| mm.is_finite()).map(|mm| mm * mm).sum();
+    assert!((sum.sqrt() - seam.tip_error_mm()).abs() < 1e-9, "{parts:?} {}", seam.tip_error_mm());
+}
+
 /// Root mean squares of a plan's seams across them, mm: from the truth, and as stated in the base frame.
 fn errors(plan: &Plan, truth: &Truth) -> [f64; 2] {
     let paths =
         PathSet::parse(csv::write(&plan.paths, PathFrame::Base).as_ref(), Path::new("path.csv")).unwrap();
     let real = score(&paths, truth, &Options::default()).rmse_mm.unwrap_or(f64::INFINITY);
     let length: f64 = plan.seams.iter().map(|seam| seam.length_mm()).sum();
-    let squares: f64 = plan.seams.iter().map(|s| s.base_error_mm.powi(2) * s.length_mm()).sum();
+    let squares: f64 = plan.seams.iter().map(|s| s.tip_error_mm().powi(2) * s.length_mm()).sum();
+    plan.seams.iter().for_each(parts_sum_to_the_whole);
     [real, (squares / length).sqrt()]
 }
 

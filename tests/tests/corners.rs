@@ -35,7 +35,7 @@ fn found(part: Part, seed: u64, sensor: SensorErrors) -> Found {
         rmse_mm: scored.rmse_mm.expect("seams"),
         rmse_deg: scored.rmse_deg.expect("seams"),
         expected_mm: longest.expected_error_mm,
-        corner_mm: longest.corner_error_mm,
+        corner_mm: longest.error_parts.corner_mm,
     };
     println!(
         "{part} {seed}: {:.2} mm, {:.2} deg; stated {:.2} mm, of it {:.2} from the corner",

@@ -68,6 +68,14 @@ fn the_documented_seams_and_passes_are_accepted_on_top_of_the_job() {
     assert!(Job::parse(&near, Path::new("formats.md")).unwrap().seams[0].near_mm.is_some());
 }
 
+#[test]
+fn the_documented_calibration_is_accepted_in_a_job() {
+    let job = Job::parse(block("toml calibration"), Path::new("formats.md")).unwrap();
+    let calibration = job.scan.calibration.expect("one is given").calibration();
+    assert_eq!((calibration.camera.focal, calibration.covariance[(2, 1)]), (0.005, 3e-7));
+    assert_eq!(calibration.covariance[(1, 2)], 3e-7);
+}
+
 /// Every key of a schema's objects, wherever they stand.
 fn schema_keys(schema: &Value, keys: &mut Vec<String>) {
     if let Some(properties) = schema["properties"].as_object() {
@@ -91,7 +99,7 @@ fn documented_keys() -> Vec<String> {
             .then(|| bare.to_owned())
     };
     let of_the_robot = FEASIBILITY.split("```toml\n").skip(1).filter_map(|text| text.split("```").next());
-    let blocks = [block("toml"), block("toml seams")].into_iter().chain(of_the_robot);
+    let blocks = [block("toml"), block("toml seams"), block("toml calibration")].into_iter().chain(of_the_robot);
     blocks.flat_map(|text| text.lines().filter_map(key)).collect()
 }
 
@@ -104,6 +112,7 @@ fn the_committed_schema_is_that_of_the_job_and_has_every_documented_key_and_no_o
     schema_keys(&serde_json::from_str(&committed).unwrap(), &mut known);
     let tables = [
         "scan",
+        "calibration",
         "exclude",
         "half_space",
         "selection",

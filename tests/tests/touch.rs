@@ -75,6 +75,9 @@ fn one_touch_shifts_a_plan_and_three_turn_it_to_where_the_seam_is() {
             stated[1] < stated[0] + 1e-9 && stated[2] < stated[1],
             "touches make a plan surer: {stated:?}"
         );
+        let [none, _, held] = plans.each_ref().map(|plan| plan.seams[0].error_parts);
+        assert!(none.touch_mm == 0.0 && none.calibration_mm > none.registration_mm, "{none:?}");
+        assert!(held.calibration_mm == 0.0 && held.touch_mm > 0.0, "{held:?}");
         assert_eq!(plans[2].touch.as_ref().expect("touched").residuals.len(), 3);
     }
     let rms = |sum: f64| (sum / scans.len() as f64).sqrt();

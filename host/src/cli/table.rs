@@ -18,7 +18,7 @@ pub(super) fn result(plan: &Plan, output: &Output, source: &Source, out: &Path) 
     output.summary.verdict().lines().iter().for_each(|reason| line(&mut text, reason));
     text += &format!(
         "{:>4}  {:<8} {:<8} {:>10} {:>7} {:>11}  {:<19}  {}\n",
-        "seam", "joint", "position", "length", "points", "confidence", "expected error", "in the base frame"
+        "seam", "joint", "position", "length", "points", "confidence", "expected error", "within the scan"
     );
     for seam in &plan.seams {
         text.push_str(&row(seam, output));
@@ -60,19 +60,15 @@ fn row(seam: &Seam, output: &Output) -> String {
     // Writing to a String cannot fail.
     let _ = writeln!(
         row,
-        "{:>4}  {:<8} {:<8} {:>7.1} mm {:>7} {:>10.0}%  {:<19}  {}",
+        "{:>4}  {:<8} {:<8} {:>7.1} mm {:>7} {:>10.0}%  {:<19}  {} mm",
         seam.id,
         seam.joint.name(),
         positions.join("-"),
         seam.length_mm(),
         paths().next().map_or("-".to_owned(), |_| points.to_string()),
         100.0 * seam.confidence,
-        error(seam.expected_error_mm, seam.expected_error_deg),
-        if seam.base_error_mm.is_finite() {
-            error(seam.base_error_mm, seam.base_error_deg)
-        } else {
-            "not known".into()
-        }
+        format!("{} mm, {} deg", significant(seam.tip_error_mm()), significant(seam.tip_error_deg())),
+        significant(seam.relative_error_mm)
     );
     row
 }
@@ -102,10 +98,6 @@ fn camera(found: &CameraFinding) -> String {
         found.words(),
         if found.is_significant { "corrected" } else { "not significant, left as stated" }
     )
-}
-
-fn error(mm: f64, deg: f64) -> String {
-    format!("{} mm, {} deg", significant(mm), significant(deg))
 }
 
 fn registration(view: &ViewReport) -> String {
@@ -139,7 +131,7 @@ mod tests {
     use weldpath::pipeline::Derived;
     use weldpath::run::job::Job;
     use weldpath::run::postprocessing::postprocess;
-    use weldpath::seam::{Joint, Station};
+    use weldpath::seam::{ErrorParts, Joint, Station};
     use weldpath::weld::{PathPoint, Process, SeamPath};
 
     fn plan() -> Plan {
@@ -154,7 +146,13 @@ mod tests {
             confidence: 0.934,
             expected_error_mm: 0.08,
             relative_error_mm: 0.08,
-            corner_error_mm: 0.0,
+            error_parts: ErrorParts {
+                noise_mm: 0.08,
+                registration_mm: 0.0,
+                calibration_mm: 0.595,
+                corner_mm: 0.0,
+                touch_mm: 0.0,
+            },
             expected_error_deg: 0.5,
             base_error_mm: 0.6,
             base_error_deg: 0.7,

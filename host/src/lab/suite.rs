@@ -129,22 +129,17 @@ fn planned(input: &Path, anchor: AnchorName) -> Result<Planned, String> {
     Ok(Planned { plan, paths, verdict: output.summary.verdict().state })
 }
 
-/// The error that is stated of a seam in the frame in which the truth is given, mm: the base frame's if there is one.
-fn stated_mm(seam: &Seam) -> f64 {
-    if seam.base_error_mm.is_finite() { seam.base_error_mm } else { seam.expected_error_mm }
-}
-
 fn of_plan(planned: &Planned, truth: Option<&Truth>, row: PieceScore) -> PieceScore {
     let Planned { plan, paths, verdict } = planned;
     let length_mm: f64 = plan.seams.iter().map(|seam| seam.length_mm()).sum();
-    let squares: f64 = plan.seams.iter().map(|seam| stated_mm(seam).powi(2) * seam.length_mm()).sum();
+    let squares: f64 = plan.seams.iter().map(|seam| seam.tip_error_mm().powi(2) * seam.length_mm()).sum();
     let own = |seam: &Seam| paths.of_seam(&seam.id.to_string());
     let scored = |truth: &Truth| {
         // What is not welded is offered to nobody.
         let offered = plan.seams.iter().filter(|seam| !own(seam).points_mm.is_empty());
         let stated = |seam: &Seam| {
             let Tally { false_share, across_mm, .. } = tally(&own(seam), truth);
-            StatedSeam::new(seam.confidence, stated_mm(seam), false_share, across_mm)
+            StatedSeam::new(seam.confidence, seam.tip_error_mm(), false_share, across_mm)
         };
         offered.map(stated).collect()
     };

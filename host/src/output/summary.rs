@@ -11,7 +11,7 @@ use crate::pipeline::{Derived, Plan, ViewReport};
 use crate::robot::feasibility::Report;
 use crate::seam::measure::coverage::Gap;
 use crate::seam::measure::dimension::Dimension;
-use crate::seam::{Joint, Seam};
+use crate::seam::{ErrorParts, Joint, Seam};
 use crate::weld::SeamPath;
 use crate::weld::position::{Position, positions};
 use nalgebra::UnitVector3;
@@ -104,13 +104,21 @@ struct SeamSummary {
     confidence: Option<f64>,
     expected_error_mm: Option<f64>,
     expected_error_deg: Option<f64>,
-    relative_error_mm: Option<f64>,
-    corner_error_mm: Option<f64>,
-    base_error_mm: Option<f64>,
-    base_error_deg: Option<f64>,
+    relative_mm: Option<f64>,
+    error_parts_mm: ErrorPartsSummary,
     dimensions: Vec<Measured>,
     reason: String,
     warnings: Vec<String>,
+}
+
+/// What the expected error of a seam comes from.
+#[derive(Debug, Serialize)]
+struct ErrorPartsSummary {
+    noise: Option<f64>,
+    registration: Option<f64>,
+    calibration: Option<f64>,
+    corner: Option<f64>,
+    touch: Option<f64>,
 }
 
 /// A dimension of a joint, or why it could not be measured.
@@ -261,15 +269,23 @@ fn seam_summary(seam: &Seam, lines: &[SeamPath], paths: &[SeamPath], up: UnitVec
         order: order.map(|k| k + 1),
         positions: positions(line, up, seam.joint == Joint::ButtV),
         confidence: finite(seam.confidence),
-        expected_error_mm: finite(seam.expected_error_mm),
-        expected_error_deg: finite(seam.expected_error_deg),
-        relative_error_mm: finite(seam.relative_error_mm),
-        corner_error_mm: finite(seam.corner_error_mm),
-        base_error_mm: finite(seam.base_error_mm),
-        base_error_deg: finite(seam.base_error_deg),
+        expected_error_mm: finite(seam.tip_error_mm()),
+        expected_error_deg: finite(seam.tip_error_deg()),
+        relative_mm: finite(seam.relative_error_mm),
+        error_parts_mm: error_parts(seam.error_parts),
         dimensions: seam.dimensions.iter().map(measured).collect(),
         reason: seam.reason.clone(),
         warnings: seam.warnings.clone(),
+    }
+}
+
+fn error_parts(parts: ErrorParts) -> ErrorPartsSummary {
+    ErrorPartsSummary {
+        noise: finite(parts.noise_mm),
+        registration: finite(parts.registration_mm),
+        calibration: finite(parts.calibration_mm),
+        corner: finite(parts.corner_mm),
+        touch: finite(parts.touch_mm),
     }
 }
 

@@ -193,7 +193,7 @@ fn stretches(seam: &Seam, is_out: impl Fn(&Point3<f64>) -> bool) -> Vec<Seam> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::seam::{Joint, Station};
+    use crate::seam::{ErrorParts, Joint, Station};
     use nalgebra::Vector3;
 
     /// A straight seam along x from 0 to 100 mm, a station every millimetre.
@@ -213,7 +213,13 @@ mod tests {
             expected_error_mm: 0.0,
             expected_error_deg: 0.0,
             relative_error_mm: 0.0,
-            corner_error_mm: 0.0,
+            error_parts: ErrorParts {
+                noise_mm: 0.0,
+                registration_mm: 0.0,
+                calibration_mm: 0.0,
+                corner_mm: 0.0,
+                touch_mm: 0.0,
+            },
             base_error_mm: 0.0,
             base_error_deg: 0.0,
             dimensions: Vec::new(),

@@ -307,7 +307,11 @@ impl Touched {
             let deg = seam.expected_error_deg.hypot(turn_rad2.sqrt().to_degrees());
             // The prior is the same in all directions, where what was known is not: a touch makes nothing less sure.
             let surer = |stated: f64, left: f64| if self.is_stated { left.min(stated) } else { left };
-            seam.base_error_mm = surer(seam.base_error_mm, mm);
+            let held_mm = surer(seam.base_error_mm, mm);
+            if held_mm >= mm {
+                seam.error_parts = seam.error_parts.held_by_touch(seam.relative_error_mm, shift_mm2.sqrt());
+            }
+            seam.base_error_mm = held_mm;
             seam.base_error_deg = surer(seam.base_error_deg, deg);
         }
         for view in &mut plan.views {

@@ -270,8 +270,8 @@ fn legend(text: &mut String, run: &Run, top: f64) {
                 seam.id,
                 seam.length_mm(),
                 100.0 * seam.confidence,
-                seam.expected_error_mm,
-                seam.expected_error_deg,
+                seam.tip_error_mm(),
+                seam.tip_error_deg(),
                 if selected { "" } else { "; not selected" }
             ),
         );

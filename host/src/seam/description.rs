@@ -57,7 +57,7 @@ pub(super) fn described(
         expected_error_mm: expected.position_mm,
         expected_error_deg: expected.orientation_rad.to_degrees(),
         relative_error_mm: expected.relative_mm,
-        corner_error_mm: expected.corner_mm,
+        error_parts: expected.parts,
         base_error_mm: expected.base_mm,
         base_error_deg: expected.base_rad.to_degrees(),
         dimensions,

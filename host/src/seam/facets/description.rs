@@ -5,7 +5,7 @@ use super::strand::Strand;
 use crate::geometry::mesh::{Mesh, Side};
 use crate::seam::measure::dimension::{Dimension, Quantity, Value};
 use crate::seam::measure::joint::{self, CrossSection};
-use crate::seam::{Joint, Seam, Station};
+use crate::seam::{ErrorParts, Joint, Seam, Station};
 use nalgebra::{Isometry3, Point3, Vector3};
 
 /// Largest distance of stations, mm.
@@ -44,7 +44,7 @@ pub(super) fn seam(mesh: &Mesh, strand: &Strand, base_from_mesh: &Isometry3<f64>
         confidence: 1.0 - BLOCKED * blocked,
         expected_error_mm: position_mm,
         relative_error_mm: position_mm,
-        corner_error_mm: 0.0,
+        error_parts: ErrorParts::of_noise(position_mm),
         expected_error_deg: orientation_deg,
         base_error_mm: f64::NAN,
         base_error_deg: f64::NAN,

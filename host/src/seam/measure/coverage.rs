@@ -318,7 +318,7 @@ impl Gap {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::seam::Joint;
+    use crate::seam::{ErrorParts, Joint};
 
     /// A base plate (z = 0) and a web (y = 0) along x from -100 to 100 mm, 1 mm apart, as one camera sees them; `keep`
     /// says which points it measured. `behind` adds what it sees of a wall 80 mm behind the web where the web is missing.
@@ -357,7 +357,7 @@ mod tests {
             confidence: 1.0,
             expected_error_mm: 0.1,
             relative_error_mm: 0.1,
-            corner_error_mm: 0.0,
+            error_parts: ErrorParts::of_noise(0.1),
             base_error_mm: f64::NAN,
             base_error_deg: f64::NAN,
             expected_error_deg: 0.1,

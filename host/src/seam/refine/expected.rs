@@ -9,6 +9,7 @@ use super::frame::{CrossAxes, Frame};
 use crate::geometry::cloud::Merged;
 use crate::geometry::point_to_plane;
 use crate::model::reconstruction::Registration;
+use crate::seam::ErrorParts;
 use nalgebra::{DMatrix, Matrix2, Matrix3, Matrix3x2, RowDVector, Vector3, Vector6};
 
 /// Errors of the method itself that no covariance knows, mm and rad. Chosen on the simulated scans.
@@ -33,8 +34,8 @@ pub struct Expected {
     pub relative_mm: f64,
     /// Of the part that registration contributes, mm.
     pub registration_mm: f64,
-    /// Of the part that comes from corners which the camera rounds or fills, or which have a radius, mm.
-    pub corner_mm: f64,
+    /// What comes from where.
+    pub parts: ErrorParts,
     /// Torch orientation, rad.
     pub orientation_rad: f64,
     /// One standard deviation of the position across the seam in the base frame, both axes together, mm; not a number where
@@ -76,12 +77,33 @@ pub fn expect(seam: &Refined, merged: &Merged, registration: Option<&Registratio
         position_mm: CAUTION * (noise_mm2 + moved_mm2).sqrt(),
         relative_mm: CAUTION * (noise_mm2 + apart.position_mm2.trace()).sqrt(),
         registration_mm: moved_mm2.sqrt(),
-        corner_mm: corner_mm2.sqrt(),
+        parts: parts(
+            own_mm2,
+            CAUTION.powi(2) * corner_mm2,
+            &poses,
+            in_base.as_ref().map(|base| [base, &apart]),
+        ),
         orientation_rad: CAUTION * (tilt_rad2 + turned_rad2).sqrt(),
         base_mm: base(own_mm2, |poses| poses.position_mm2.trace()),
         base_rad: base(own_rad2, |poses| poses.orientation_rad2),
         loosest: eigen.eigenvectors.column(eigen.eigenvalues.imax()).into_owned(),
         loose_views: (0..by_view_mm2.len()).filter(|&k| by_view_mm2[k] > NAMED_SHARE * most).collect(),
+    }
+}
+
+/// Parts of the error: `own_mm2` is the variance of the seam's own points and corners, `poses` what the poses add against the
+/// first view, `in_base` in the base frame, and of that what is between the views that saw the seam.
+fn parts(own_mm2: f64, corner_mm2: f64, poses: &Poses, in_base: Option<[&Poses; 2]>) -> ErrorParts {
+    let (registration_mm2, calibration_mm2) = match in_base.map(|both| both.map(|p| p.position_mm2.trace())) {
+        Some([base, apart]) => (apart.min(base), base - apart.min(base)),
+        None => (CAUTION.powi(2) * poses.position_mm2.trace(), f64::NAN),
+    };
+    ErrorParts {
+        noise_mm: (own_mm2 - corner_mm2).max(0.0).sqrt(),
+        registration_mm: registration_mm2.sqrt(),
+        calibration_mm: calibration_mm2.sqrt(),
+        corner_mm: corner_mm2.sqrt(),
+        touch_mm: 0.0,
     }
 }
 

@@ -6,7 +6,7 @@ use super::sparse::Sparse;
 use crate::geometry::cloud::PointCloud;
 use crate::geometry::grid::Grid;
 use crate::seam::input::{INDEX_VOXELS, SurfaceModel};
-use crate::seam::{Found, Joint, Seam, Station};
+use crate::seam::{ErrorParts, Found, Joint, Seam, Station};
 use nalgebra::Vector3;
 use weldpath_core::seam::{RatioThreshold, Tensor};
 
@@ -46,7 +46,7 @@ pub fn find(surface: &SurfaceModel, ratio_threshold: f64) -> Found {
         confidence: 0.0,
         expected_error_mm: f64::from(voxels.edge_mm),
         relative_error_mm: f64::from(voxels.edge_mm),
-        corner_error_mm: f64::NAN,
+        error_parts: ErrorParts::of_noise(f64::from(voxels.edge_mm)),
         expected_error_deg: 15.0,
         base_error_mm: f64::NAN,
         base_error_deg: f64::NAN,

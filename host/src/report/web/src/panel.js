@@ -102,12 +102,31 @@ export function list(onSelect) {
     el("td", { class: "num" }, number(seam.expected_error_mm)),
     el("td", { class: "num" }, percent(seam.confidence), el("span", { class: "meter" }, el("i", { style: { width: `${100 * (seam.confidence ?? 0)}%` } }))));
   $("seams").append(el("table", {},
-    el("thead", {}, el("tr", {}, el("th", { scope: "col" }, "seam, joint"), el("th", { scope: "col", class: "num" }, "length, mm"), el("th", { scope: "col", class: "num", title: "expected RMSE across the seam" }, "error, mm"), el("th", { scope: "col", class: "num" }, "confidence"))),
+    el("thead", {}, el("tr", {}, el("th", { scope: "col" }, "seam, joint"), el("th", { scope: "col", class: "num" }, "length, mm"), el("th", { scope: "col", class: "num", title: "expected error of the tip, one standard deviation across the seam" }, "error, mm"), el("th", { scope: "col", class: "num" }, "confidence"))),
     el("tbody", {}, seams.map(row))));
 }
 
 // Keys that the details show in words of their own.
-const TOLD = ["id", "joint", "selected", "closed", "length_mm", "points", "confidence", "expected_error_mm", "expected_error_deg", "dimensions", "reason", "warnings", "colour", "line_mm"];
+const TOLD = ["id", "joint", "selected", "closed", "length_mm", "points", "confidence", "expected_error_mm", "expected_error_deg", "relative_mm", "error_parts_mm", "dimensions", "reason", "warnings", "colour", "line_mm"];
+
+// What an expected error comes from: one part of the bar each, as wide as its share of the variance.
+const PARTS = {
+  noise: "noise of the points",
+  registration: "views against each other",
+  calibration: "hand-eye, camera, robot",
+  corner: "rounded corner",
+  touch: "touches",
+};
+
+function errorBar(parts) {
+  const known = Object.keys(PARTS).map((key, k) => ({ key, mm: parts[key] ?? 0, colour: viewColour(k) })).filter(({ mm }) => mm > 0);
+  const whole = sum(known.map(({ mm }) => mm * mm));
+  if (!whole) return null;
+  const share = ({ mm }) => `${(100 * mm * mm) / whole}%`;
+  return el("div", { class: "parts" },
+    el("div", { class: "part-bar", role: "img", "aria-label": "Shares of the expected error's variance" }, known.map((part) => el("i", { style: { width: share(part), background: part.colour } }))),
+    el("p", {}, known.map(({ key, mm, colour }) => el("span", {}, el("i", { class: "swatch", style: { background: colour } }), `${PARTS[key]} ${number(mm)} mm`))));
+}
 
 function value(key, v) {
   if (typeof v === "number") return `${number(v)}${label(key).unit && unitAfter(label(key).unit)}`;
@@ -123,7 +142,8 @@ export function detail(seam, onZoom) {
   const rows = [
     ["length", `${number(seam.length_mm)} mm${seam.closed ? ", closed" : ""}`],
     ["confidence", percent(seam.confidence)],
-    ["expected error across the seam", `${number(seam.expected_error_mm)} mm`],
+    ["expected error of the tip", `${number(seam.expected_error_mm)} mm`],
+    ["within the scan", `${number(seam.relative_mm)} mm`],
     ["expected error of the torch", `${number(seam.expected_error_deg)}°`],
     ...seam.dimensions.map((d) => [label(d.name).name, d.value === null ? `not measurable: ${d.reason}` : `${d.value.toFixed(1)} ± ${d.uncertainty.toFixed(1)}${unitAfter(label(d.name).unit)}`]),
     off.length > 0 && ["measured error (RMSE, largest)", `${number(Math.sqrt(sum(off.map((v) => v * v)) / off.length))}, ${number(Math.max(...off))} mm`],
@@ -136,6 +156,7 @@ export function detail(seam, onZoom) {
   $("detail").replaceChildren(
     el("h3", {}, el("i", { class: "swatch", style: { background: seam.colour } }), `Seam ${seam.id}: ${seam.joint}`, el("button", { type: "button", onclick: onZoom }, "look at it")),
     el("p", { class: "soft" }, seam.reason, seam.selected ? "" : "; not selected, so it is not welded"),
+    errorBar(seam.error_parts_mm),
     el("dl", {}, rows.map(([name, v]) => [el("dt", {}, name), el("dd", {}, v)])),
     ...seam.warnings.map((text) => el("p", { class: "mind" }, `▲ ${text}`)));
   for (const row of document.querySelectorAll("#seams tr[data-seam]")) row.setAttribute("aria-selected", String(row.dataset.seam === String(seam.id)));
@@ -200,16 +221,42 @@ function section(title, words, ...children) {
   return el("section", { class: "card" }, el("h2", {}, title), words && el("p", {}, words), children);
 }
 
+// What the views say of the cell: rows of name, value, standard deviation, and what was done about it.
+function cell() {
+  const { robot, hand_eye, camera } = summary.base_frame;
+  const done = (found) => (found.applied ? "corrected" : "not significant");
+  return [
+    ...(robot ? [["reported poses scatter by, mm", number(robot.scatter_mm), "", ""], ["and by, °", number(robot.scatter_deg), "", ""]] : []),
+    ...(hand_eye ? [
+      ["hand-eye transform off by, mm", number(hand_eye.shift_mm), number(hand_eye.shift_sigma_mm), done(hand_eye)],
+      ["and by, °", number(hand_eye.turn_deg), number(hand_eye.turn_sigma_deg), done(hand_eye)],
+    ] : []),
+    ...(camera ? [
+      ["focal length longer by, %", number(100 * camera.focal), number(100 * camera.focal_sigma), done(camera)],
+      ["optical axis off along rows, ‰ of the focal length", number(1e3 * camera.centre[0]), number(1e3 * camera.centre_sigma[0]), done(camera)],
+      ["along columns", number(1e3 * camera.centre[1]), number(1e3 * camera.centre_sigma[1]), done(camera)],
+      ["k1 larger by", number(camera.k1), number(camera.k1_sigma), done(camera)],
+    ] : []),
+  ];
+}
+
 export function facts() {
   const { clouds } = content;
   const sample = (layer, name) => layer && layer.count < layer.of && `${layer.count.toLocaleString("en")} of ${layer.of.toLocaleString("en")} ${name}`;
   const thinned = [sample(clouds.model, "model points"), sample(clouds.raw, "raw points"), content.waypoints.length < content.waypoints_of && `${content.waypoints.length} of ${content.waypoints_of} waypoints`].filter(Boolean);
   const parts = [];
   if (summary.views.length) {
-    parts.push(section("Views", "The pose of the first view that fits is taken as exact: its own error comes on top of everything here.",
+    parts.push(section("Views", summary.base_frame.hand_eye
+      ? "All poses are adjusted together with the hand-eye transform, within what is stated of robot and cell."
+      : "The pose of the first view that fits is taken as exact: its own error comes on top of everything here.",
       table(["view", "#fitness before", "#after", "#moved, mm", "#turned, °", "#uncertainty, mm"], summary.views.map((v) => [
         el("span", {}, used.includes(v) && el("i", { class: "swatch", style: { background: viewColour(used.indexOf(v)) } }), v.name, v.left_out === null ? "" : " (left out)"),
         number(v.fitness_before), number(v.fitness_after), number(v.moved_mm), number(v.moved_deg), number(v.uncertainty_mm)]))));
+  }
+  const found = cell();
+  if (found.length) {
+    parts.push(section("Robot and camera", "What the views say of them. What is not significant is left as stated, and counts in the expected error.",
+      table(["", "#found", "#±", ""], found)));
   }
   if (summary.derived.length) parts.push(section("Derived from the data", "Nobody typed these.",
     table(["parameter", "#value", "how"], summary.derived.map((d) => [label(d.name).name, `${number(d.value)} ${label(d.name).unit}`, d.how]))));
