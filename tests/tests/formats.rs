@@ -99,7 +99,8 @@ fn documented_keys() -> Vec<String> {
             .then(|| bare.to_owned())
     };
     let of_the_robot = FEASIBILITY.split("```toml\n").skip(1).filter_map(|text| text.split("```").next());
-    let blocks = [block("toml"), block("toml seams"), block("toml calibration")].into_iter().chain(of_the_robot);
+    let blocks =
+        [block("toml"), block("toml seams"), block("toml calibration")].into_iter().chain(of_the_robot);
     blocks.flat_map(|text| text.lines().filter_map(key)).collect()
 }
 

@@ -15,9 +15,11 @@ use crate::model::reconstruction::{Registration, SurfaceEvidence};
 use adjustment::{Adjusted, Known, parameters};
 pub use calibration::Calibration;
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix5, Matrix6, Point3, SMatrix, Vector3, Vector6};
-pub use prior::CellAccuracy;
-use prior::{Prior, SHARED};
+pub use prior::{Anchor, CellAccuracy};
+use prior::{DEPTH_SCALE, Prior, SHARED};
 
+/// Standard deviations beyond which one number is significant.
+const SIGNIFICANT_SIGMA: f64 = 3.0;
 /// Of the squared size of a hand-eye motion in standard deviations, six numbers: by chance it is larger in one of 370 scans,
 /// as one number is beyond three standard deviations.
 const SIGNIFICANT: f64 = 20.1;
@@ -27,21 +29,6 @@ const LOOSE_FREEDOM: f64 = 9.0;
 
 /// Of the squared size of a camera's errors in standard deviations, focal length and k1: by chance larger in one of 370 scans.
 const SIGNIFICANT_CAMERA: f64 = 11.8;
-
-/// What holds the model in the base frame.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Anchor {
-    /// Poses and hand-eye transform are as accurate as this.
-    Cell(CellAccuracy),
-    /// The first view that fits is where it is reported, exactly.
-    First,
-}
-
-impl Default for Anchor {
-    fn default() -> Self {
-        Self::Cell(CellAccuracy::default())
-    }
-}
 
 /// What the views say of the cell.
 #[derive(Debug, Clone, PartialEq)]
@@ -136,7 +123,8 @@ pub fn locate(stated: &Stated, registration: &Registration) -> Option<Location> 
         _ => registration.evidence.as_ref()?,
     };
     let (registered, centre_mm) = (&registration.base_from_camera, registration.centre_mm);
-    let prior = Prior::of(stated);
+    let calibrated = stated.calibration.and_then(Calibration::information);
+    let prior = Prior::new(stated.anchor, calibrated, stated.taken_out);
     let adjusted = |prior: &Prior| Adjusted::new(&Known { reported, registered, surfaces, centre_mm, prior });
     // The camera's errors move nothing until they are taken out of the points; what is not known of them is an error. Where
     // nobody looked for them, the camera counts as exact.
@@ -161,7 +149,7 @@ pub fn locate(stated: &Stated, registration: &Registration) -> Option<Location> 
         let left = left_as_is(&exact, registered, &centre_mm);
         covariance += &left * left.transpose();
     }
-    let shared = Calibration::of([told, &free], stated.taken_out, contradictions);
+    let shared = shared([told, &free], stated.taken_out, contradictions);
     let Anchor::Cell(cell) = stated.anchor else {
         let covariance = stated.taken_out.map(|_| covariance);
         return Some(Location { base_frame: None, camera, shared, poses: registered.clone(), covariance });
@@ -218,6 +206,26 @@ fn finding(plain: &Checked, told: &Checked) -> Option<CameraFinding> {
         is_significant: squared(&asked)? > most && !is_scattered(asked.0.scale),
         is_settled: squared(&found)? < SETTLED_CAMERA,
     })
+}
+
+/// What was found beside what is `taken_out` of the points already, with the depth scale exact and with it free: it is
+/// exact until it is significant, as views from one distance do not tell it from a shift of the camera. How sure that is
+/// is told by the free one, and by pairs of views that contradict each other.
+fn shared(
+    [exact, free]: [&Adjusted; 2],
+    taken_out: Option<CameraErrors>,
+    contradictions: &SMatrix<f64, SHARED, SHARED>,
+) -> Calibration {
+    let at = free.covariance.nrows() - SHARED;
+    let covariance = free.covariance.fixed_view::<SHARED, SHARED>(at, at) + contradictions;
+    let scale_sigma = covariance[(DEPTH_SCALE, DEPTH_SCALE)].sqrt();
+    let taken_out = taken_out.unwrap_or_default();
+    let (found, camera) = if free.camera.depth_scale.abs() > SIGNIFICANT_SIGMA * scale_sigma {
+        (free, free.camera)
+    } else {
+        (exact, CameraErrors { depth_scale: 0.0, ..exact.camera })
+    };
+    Calibration { camera_from_corrected: found.hand_eye, camera: taken_out + camera, covariance }
 }
 
 /// Motions, six numbers of each view, from the registered poses to the adjusted ones.

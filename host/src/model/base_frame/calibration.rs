@@ -1,14 +1,9 @@
 //! What one scan tells the next of the cell: hand-eye transform and camera, and how exact they are.
 
-use super::CellAccuracy;
-use super::adjustment::Adjusted;
-use super::prior::{self, DEPTH_SCALE, SHARED};
+use super::prior::{self, CellAccuracy, SHARED};
 use crate::geometry::cloud::View;
 use crate::model::camera::CameraErrors;
 use nalgebra::{Isometry3, SMatrix};
-
-/// Standard deviations beyond which it is significant.
-const SIGNIFICANT: f64 = 3.0;
 
 /// Hand-eye motion and errors of the camera, with their covariance.
 #[derive(Debug, Clone, PartialEq)]
@@ -23,26 +18,6 @@ pub struct Calibration {
 }
 
 impl Calibration {
-    /// What was found beside what is `taken_out` of the points already, with the depth scale exact and with it free: it is
-    /// exact until it is significant, as views from one distance do not tell it from a shift of the camera. How sure that is
-    /// is told by the free one, and by pairs of views that contradict each other.
-    pub(super) fn of(
-        [exact, free]: [&Adjusted; 2],
-        taken_out: Option<CameraErrors>,
-        contradictions: &SMatrix<f64, SHARED, SHARED>,
-    ) -> Self {
-        let at = free.covariance.nrows() - SHARED;
-        let covariance = free.covariance.fixed_view::<SHARED, SHARED>(at, at) + contradictions;
-        let scale_sigma = covariance[(DEPTH_SCALE, DEPTH_SCALE)].sqrt();
-        let taken_out = taken_out.unwrap_or_default();
-        let (found, camera) = if free.camera.depth_scale.abs() > SIGNIFICANT * scale_sigma {
-            (free, free.camera)
-        } else {
-            (exact, CameraErrors { depth_scale: 0.0, ..exact.camera })
-        };
-        Self { camera_from_corrected: found.hand_eye, camera: taken_out + camera, covariance }
-    }
-
     /// Nothing known but what is usual.
     pub fn unknown(cell: CellAccuracy) -> Self {
         let sigma = prior::usual(cell.hand_eye_deg.to_radians(), cell.hand_eye_mm, 1.0);

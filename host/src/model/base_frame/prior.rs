@@ -1,7 +1,6 @@
 //! What is known of robot, hand-eye transform and camera before a scan is looked at.
 
-use super::{Anchor, Calibration, Stated};
-use crate::model::camera;
+use crate::model::camera::{self, CameraErrors};
 use nalgebra::{SMatrix, SVector};
 
 /// Unknowns that all views share: hand-eye motion (turn, shift) and five errors of the camera.
@@ -39,6 +38,21 @@ impl Default for CellAccuracy {
     }
 }
 
+/// What holds the model in the base frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Anchor {
+    /// Poses and hand-eye transform are as accurate as this.
+    Cell(CellAccuracy),
+    /// The first view that fits is where it is reported, exactly.
+    First,
+}
+
+impl Default for Anchor {
+    fn default() -> Self {
+        Self::Cell(CellAccuracy::default())
+    }
+}
+
 /// As the adjustment takes it.
 #[derive(Debug, Clone)]
 pub(super) struct Prior {
@@ -55,19 +69,23 @@ pub(super) struct Prior {
 }
 
 impl Prior {
-    /// Of what is stated, with a camera of unknown errors.
-    pub(super) fn of(stated: &Stated) -> Self {
-        let (robot_mm, robot_rad, [turn, shift], first_exact) = match stated.anchor {
+    /// Of what holds the model, with the information of a calibration, if there is one, and with errors of the camera that are
+    /// taken out of the points already.
+    pub(super) fn new(
+        anchor: Anchor,
+        calibrated: Option<SMatrix<f64, SHARED, SHARED>>,
+        taken_out: Option<CameraErrors>,
+    ) -> Self {
+        let (robot_mm, robot_rad, [turn, shift], first_exact) = match anchor {
             Anchor::Cell(cell) => {
                 let hand_eye = [cell.hand_eye_deg.to_radians(), cell.hand_eye_mm];
                 (cell.robot_mm, cell.robot_deg.to_radians(), hand_eye, false)
             }
             Anchor::First => (GUESSED_MM, GUESSED_RAD, [EXACT_RAD, EXACT_MM], true),
         };
-        let nothing = || information(turn, shift, 1.0);
-        let shared = stated.calibration.and_then(Calibration::information).unwrap_or_else(nothing);
+        let shared = calibrated.unwrap_or_else(|| information(turn, shift, 1.0));
         let mut pulled = SVector::<f64, SHARED>::zeros();
-        if let Some(errors) = stated.taken_out {
+        if let Some(errors) = taken_out {
             pulled.fixed_rows_mut::<5>(6).copy_from(&errors.vector());
         }
         Self { robot_mm, robot_rad, first_exact, shared, taken_out: pulled }
