@@ -123,6 +123,17 @@ impl Seam {
         }
     }
 
+    /// One standard deviation of the tip across the seam, mm: in the robot's base frame where that is known, else against the
+    /// first view.
+    pub fn tip_error_mm(&self) -> f64 {
+        if self.base_error_mm.is_finite() { self.base_error_mm } else { self.expected_error_mm }
+    }
+
+    /// The same of the torch orientation, degrees.
+    pub fn tip_error_deg(&self) -> f64 {
+        if self.base_error_deg.is_finite() { self.base_error_deg } else { self.expected_error_deg }
+    }
+
     /// What one that is not offered is called: its length, of less than 10 mm to a tenth, and the place of its middle.
     fn as_inside_corner(&self) -> String {
         let place = self.stations.get(self.stations.len() / 2).map_or(Point3::origin(), |s| s.position_mm);

@@ -1,9 +1,7 @@
 //! How far a seam may be off, and what of it comes from where.
 
-use super::Seam;
-
 /// Parts of a seam's expected error: standard deviations across it, both axes together, mm. The squares sum to the square of
-/// [`Seam::tip_error_mm`].
+/// [`tip_error_mm`](super::Seam::tip_error_mm).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ErrorParts {
     /// Scatter of the points, and what the method itself leaves.
@@ -28,18 +26,5 @@ impl ErrorParts {
     pub(crate) fn held_by_touch(self, relative_mm: f64, touch_mm: f64) -> Self {
         let scan_mm2 = relative_mm.powi(2) - self.noise_mm.powi(2) - self.corner_mm.powi(2);
         Self { registration_mm: scan_mm2.max(0.0).sqrt(), calibration_mm: 0.0, touch_mm, ..self }
-    }
-}
-
-impl Seam {
-    /// One standard deviation of the tip across the seam, mm: in the robot's base frame where that is known, else against the
-    /// first view.
-    pub fn tip_error_mm(&self) -> f64 {
-        if self.base_error_mm.is_finite() { self.base_error_mm } else { self.expected_error_mm }
-    }
-
-    /// The same of the torch orientation, degrees.
-    pub fn tip_error_deg(&self) -> f64 {
-        if self.base_error_deg.is_finite() { self.base_error_deg } else { self.expected_error_deg }
     }
 }

@@ -6,7 +6,7 @@ use nalgebra::{Isometry3, SMatrix, UnitQuaternion};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::refusal::{self, Error};
+use super::refusal::{self, CALIBRATION_HINT, Error};
 use crate::files::reading;
 use crate::pipeline::{Calibration, CameraErrors};
 
@@ -62,11 +62,13 @@ impl CalibrationSettings {
     pub fn read(path: &Path) -> Result<Self, Error> {
         let text = reading::text(path, reading::MOST_JOB)
             .map_err(|error| Error::Unreadable { path: path.into(), why: error.to_string() })?;
-        let read: Self =
-            toml::from_str(&text).map_err(|error| refusal::of_toml(&text, path, &error).with_hint(HINT))?;
+        let read: Self = toml::from_str(&text)
+            .map_err(|error| refusal::of_toml(&text, path, &error).with_hint(CALIBRATION_HINT))?;
         match read.fault() {
             None => Ok(read),
-            Some((key, why)) => Err(refusal::of_key(&text, path, key, &why, HINT)),
+            Some((key, why)) => {
+                Err(refusal::of_key(&text, path, key, &format!("{key}: {why}"), CALIBRATION_HINT))
+            }
         }
     }
 
@@ -97,7 +99,7 @@ impl CalibrationSettings {
     pub(super) fn fault(&self) -> Option<(&'static str, String)> {
         let share = |key, value: f64, most: f64| {
             let is_usual = value.abs() <= most;
-            (!is_usual).then(|| (key, format!("{key} = {value} is not -{most} to {most}")))
+            (!is_usual).then(|| (key, format!("{value} is not -{most} to {most}")))
         };
         let [column, row] = self.centre;
         let values = [
@@ -121,9 +123,6 @@ impl CalibrationSettings {
         (!is_covariance).then(|| ("covariance", "it is no covariance: not positive definite".into()))
     }
 }
-
-/// What to do about a calibration that is none.
-pub(super) const HINT: &str = "`weldpath calibrate` writes one; docs/formats.md lists its keys";
 
 #[cfg(test)]
 mod tests {

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::layer::{self, Weld};
 use super::robot::RobotSettings;
-use super::{Job, MethodName, calibration};
+use super::{Job, MethodName};
 
 /// Why a job file is refused.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -58,6 +58,9 @@ impl Error {
     }
 }
 
+/// What to do about a calibration that is none.
+pub(super) const CALIBRATION_HINT: &str = "`weldpath calibrate` writes one; docs/formats.md lists its keys";
+
 /// What only the whole job can say.
 pub(super) fn check(job: &Job, text: &str, path: &Path) -> Result<(), Error> {
     let refuse = |line: usize, why: &str, hint: &str| {
@@ -82,7 +85,7 @@ pub(super) fn check(job: &Job, text: &str, path: &Path) -> Result<(), Error> {
         return refuse(line_of_key(text, key), &why, hint);
     }
     if let Some((key, why)) = job.scan.calibration.as_ref().and_then(|c| c.fault()) {
-        return refuse(line_of_key(text, key), &format!("{key}: {why}"), calibration::HINT);
+        return refuse(line_of_key(text, key), &format!("{key}: {why}"), CALIBRATION_HINT);
     }
     if let Some(id) = twice(&job.selection.seams) {
         return refuse(
