@@ -192,8 +192,8 @@ mod tests {
             "{text}"
         );
         let row: Vec<&str> = lines[3].split_whitespace().collect();
-        let expected = ["1", "butt-v", "PA", "500.0", "mm", "251", "93%", "0.08", "mm,", "0.50", "deg"];
-        assert_eq!((&row[..11], &row[11..]), (&expected[..], &["0.60", "mm,", "0.70", "deg"][..]));
+        let expected = ["1", "butt-v", "PA", "500.0", "mm", "251", "93%", "0.60", "mm,", "0.70", "deg"];
+        assert_eq!((&row[..11], &row[11..]), (&expected[..], &["0.08", "mm"][..]));
         assert_eq!(lines[4..6], ["units: metres", "voxel_mm = 0.80 (twice the mean spacing)"]);
         assert_eq!(lines[6], "warning: view 3 overlaps too little");
         assert!(lines.contains(&"warning: seam 1: the last 20 mm were seen by one view only"));

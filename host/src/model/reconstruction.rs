@@ -11,6 +11,7 @@ pub mod icp;
 pub mod pair;
 mod source;
 mod system;
+mod weak;
 
 use crate::geometry::cloud::View;
 use crate::geometry::point_to_plane;

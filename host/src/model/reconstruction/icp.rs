@@ -27,6 +27,10 @@ const FITNESS_STEP: usize = 4;
 /// Every sampled patch is matched in at most about so many other views: the own noise of a patch is the same to all of
 /// them, so that more of them tell little that is new, and all of them would cost the square of the number of views.
 const MOST_PARTNERS: usize = 8;
+/// From so many views on fewer partners do, down to [`FEWEST_PARTNERS`]: each view has so many neighbours then that its pose
+/// is known far better than the noise of its own points, and the time grows with the views alone no more.
+const MANY_VIEWS: usize = 50;
+const FEWEST_PARTNERS: usize = 3;
 /// A view's patches nearer than this to another view's, in aligned distances, overlap it.
 const OVERLAP: f32 = 4.0;
 
@@ -55,7 +59,8 @@ struct Tie {
 impl Tie {
     fn new(i: usize, j: usize, sources: &[SourceView]) -> Self {
         let count = sources[i].sample.len();
-        let step = (sources.len() - 1).div_ceil(MOST_PARTNERS);
+        let partners = (MOST_PARTNERS * MANY_VIEWS / sources.len()).clamp(FEWEST_PARTNERS, MOST_PARTNERS);
+        let step = (sources.len() - 1).div_ceil(partners);
         let first = (i + j) % step;
         Self {
             i,

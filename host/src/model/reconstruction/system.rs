@@ -1,6 +1,6 @@
 //! The joint linear system of all views and what of its solution is believed.
 
-use super::SurfaceEvidence;
+use super::{SurfaceEvidence, weak};
 use crate::geometry::point_to_plane;
 use crate::model::camera::{self, CameraEvidence, TieEvidence};
 use nalgebra::{
@@ -10,6 +10,8 @@ use nalgebra::{
 
 /// Share of information, of a motion that every pair sees in full, below which a motion counts as unseen.
 const UNSEEN: f64 = 1e-4;
+/// From so many unknowns on, 35 views, the eigenvectors that are unseen are sought alone: all of them would cost most of a step.
+const MANY_UNKNOWNS: usize = 200;
 
 /// A pair of patches of two views in the target's frame, its arm from the centre.
 pub(super) struct PatchPair {
@@ -256,7 +258,7 @@ fn possible(information: &Matrix5<f64>) -> Matrix5<f64> {
 /// Of information and pull, along each eigenvector of the information, what exceeds the normals' noise.
 ///
 /// With eigenvalues s that is (1 - [`UNSEEN`] / s) of each, at least nothing. Where all of them exceed it, as in a scan whose
-/// views all see enough, it is `A - u I` and `(I - u A^-1) b`, without the eigenvectors that cost most of a step of 100 views.
+/// views all see enough, it is `A - u I` and `(I - u A^-1) b`, without the eigenvectors.
 fn believed(information: DMatrix<f64>, pull: &DVector<f64>) -> (DMatrix<f64>, DVector<f64>) {
     let n = pull.len();
     let exceeding = &information - DMatrix::identity(n, n) * UNSEEN;
@@ -264,6 +266,12 @@ fn believed(information: DMatrix<f64>, pull: &DVector<f64>) -> (DMatrix<f64>, DV
         && let Some(whole) = information.clone().cholesky()
     {
         return (exceeding, pull - whole.solve(pull) * UNSEEN);
+    }
+    if n > MANY_UNKNOWNS
+        && let Some(unseen) = weak::below(&information, UNSEEN)
+        && let Some(believed) = without(&unseen, &information, pull)
+    {
+        return believed;
     }
     let eigen = information.symmetric_eigen();
     let mut h = DMatrix::zeros(n, n);
@@ -276,9 +284,58 @@ fn believed(information: DMatrix<f64>, pull: &DVector<f64>) -> (DMatrix<f64>, DV
     (h, g)
 }
 
+/// The same where only the eigenvectors with an eigenvalue below [`UNSEEN`] are known, and nothing is believed along them.
+fn without(
+    unseen: &weak::Eigenpairs,
+    information: &DMatrix<f64>,
+    pull: &DVector<f64>,
+) -> Option<(DMatrix<f64>, DVector<f64>)> {
+    // Along them any other eigenvalue does: 1 keeps the matrix positive definite.
+    let mut whole = information.clone();
+    let mut left = pull.clone();
+    for (&value, v) in unseen.values.iter().zip(unseen.vectors.column_iter()) {
+        whole.ger(1.0 - value, &v, &v, 1.0);
+        left.axpy(-v.dot(pull), &v, 1.0);
+    }
+    let g = &left - whole.clone().cholesky()?.solve(&left) * UNSEEN;
+    let mut h = whole;
+    for k in 0..h.nrows() {
+        h[(k, k)] -= UNSEEN;
+    }
+    for v in unseen.vectors.column_iter() {
+        h.ger(UNSEEN - 1.0, &v, &v, 1.0);
+    }
+    Some((h, g))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn of_many_views_the_unseen_motions_alone_are_sought() {
+        let n = MANY_UNKNOWNS + 20;
+        let basis = DMatrix::from_fn(n, n, |r, c| ((3 * r + 7 * c * c + r * c) as f64).sin()).qr().q();
+        let pull = DVector::from_fn(n, |k, _| (k as f64).cos());
+        for unseen in [1, 7, 20] {
+            let seen = DVector::from_fn(n, |k, _| {
+                if k < unseen {
+                    UNSEEN * (0.99 - 0.04 * k as f64)
+                } else {
+                    UNSEEN * (1.01 + 0.3 * (k - unseen) as f64)
+                }
+            });
+            let information = &basis * DMatrix::from_diagonal(&seen) * basis.transpose();
+            let found = weak::below(&information, UNSEEN).expect("few are unseen");
+            assert_eq!(found.values.len(), unseen);
+            let (h, g) = without(&found, &information, &pull).unwrap();
+            let trust = seen.map(|s| (1.0 - UNSEEN / s.max(1e-300)).max(0.0));
+            let expected_h = &basis * DMatrix::from_diagonal(&trust.component_mul(&seen)) * basis.transpose();
+            let expected_g = &basis * DMatrix::from_diagonal(&trust) * basis.transpose() * &pull;
+            assert!((h - expected_h).norm() < 1e-6 * UNSEEN, "{unseen}");
+            assert!((g - expected_g).norm() < 1e-4 * pull.norm(), "{unseen}");
+        }
+    }
 
     #[test]
     fn what_is_believed_is_the_same_with_and_without_eigenvectors() {
