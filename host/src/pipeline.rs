@@ -5,6 +5,7 @@ pub mod calibration;
 pub mod exclusion;
 mod reconstructed;
 mod scale_search;
+pub mod tacks;
 pub mod touch;
 
 use self::exclusion::{Exclusion, Scene};
@@ -88,6 +89,8 @@ pub struct Plan {
     pub paths: Vec<SeamPath>,
     /// Stretches of the seams that should be scanned again.
     pub coverage: Vec<coverage::Gap>,
+    /// What was taken off the seams before they were sought again, along each.
+    pub tacks: Vec<tacks::Tack>,
     /// One per view that was read, those left out among them; empty for a single cloud.
     pub views: Vec<ViewReport>,
     /// What the views say of the hand-eye transform, where there are enough of them.
@@ -216,18 +219,30 @@ pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Re
     let raw = clock.time("index", || Grid::new(&merged.points_mm, RAW_CELL_MM));
     let excluded = scene.excluded();
     let search = ScaleSearch { views, merged, excluded, raw: &raw, registration: &registration, config };
-    let ScaleResult { scale, model, mut found } = search.best(&first, &mut clock, observer)?;
+    let mut result = search.best(&first, &mut clock, observer)?;
+    let ground = tacks::Ground::of(&search, &result);
+    let search = match &ground {
+        Some(ground) => ScaleSearch { merged: &ground.merged, raw: &ground.raw, ..search },
+        None => search,
+    };
+    if ground.is_some() {
+        result = search.best(&first, &mut clock, observer)?;
+    }
+    let ScaleResult { scale, model, mut found } = result;
+    let (merged, raw) = (search.merged, search.raw);
     scene.trim(&mut found, views);
-    scene.show(&model, &raw, &found, observer);
+    scene.show(&model, raw, &found, observer);
     if found.seams.is_empty() {
         return Err(no_seam(scene.reason(found.reason)));
     }
     let along = || found.seams.iter().map(SeamPath::along).collect();
     let paths = clock.stage("toolpath", observer, along);
-    let gaps = || coverage::gaps(&found.seams, merged, &raw, search.cameras_known());
+    let gaps = || coverage::gaps(&found.seams, merged, raw, search.cameras_known());
     let coverage = clock.time("coverage", gaps);
     let orientation_assumed = found.orientation_assumed;
+    let tacks = ground.map_or_else(Vec::new, |ground| ground.on(&found.seams));
     warnings.extend(found.warnings);
+    warnings.extend(tacks::words(&tacks));
     warnings.extend(coverage.iter().map(coverage::Gap::words));
     warnings.extend(scene.warning());
     let mut derived = derived(&scale, found.gate);
@@ -238,6 +253,7 @@ pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Re
         seams,
         paths,
         coverage,
+        tacks,
         views: reports,
         hand_eye,
         base_frame,

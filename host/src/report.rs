@@ -65,6 +65,7 @@ pub fn without_seams(recording: &Recording, job: &Job, reason: &str) -> Vec<File
         orientation_assumed: false,
         warnings: Vec::new(),
         coverage: Vec::new(),
+        tacks: Vec::new(),
     };
     let verdict = Verdict::new([Finding::new(ReasonId::NoSeam, reason)], &[]);
     let rejected = recording.rejected.clone();

@@ -70,6 +70,7 @@ fn of_paths(paths: Vec<SeamPath>) -> Plan {
         touch: None,
         derived,
         coverage: vec![],
+        tacks: vec![],
         stage_s: vec![("normals", 0.25), ("seam", 1.5)],
         orientation_assumed: false,
         warnings: vec!["view 2 sees little".into()],

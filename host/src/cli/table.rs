@@ -169,6 +169,7 @@ mod tests {
             seams: vec![seam],
             paths: vec![SeamPath { seam: 1, points }],
             coverage: vec![],
+            tacks: vec![],
             views: vec![],
             hand_eye: None,
             base_frame: None,

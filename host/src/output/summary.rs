@@ -6,6 +6,7 @@ use super::base_frame::BaseFrameSummary;
 use super::frame::PathFrame;
 use super::verdict::{Finding, Verdict};
 use super::{feasibility, views};
+use crate::pipeline::tacks::Tack;
 use crate::pipeline::touch::{Residual, Touched};
 use crate::pipeline::{Derived, Plan, ViewReport};
 use crate::robot::feasibility::Report;
@@ -34,6 +35,7 @@ pub struct Summary {
     touch: Option<TouchSummary>,
     seams: Vec<SeamSummary>,
     coverage: Vec<Stretch>,
+    tacks: Vec<TackSummary>,
     stages: Vec<Stage>,
     feasibility: Option<feasibility::FeasibilitySummary>,
     warnings: Vec<String>,
@@ -142,6 +144,15 @@ struct Stretch {
     camera_direction: [f64; 3],
 }
 
+/// Where a seam is tacked.
+#[derive(Debug, Serialize)]
+struct TackSummary {
+    seam: usize,
+    from_mm: f64,
+    to_mm: f64,
+    height_mm: f64,
+}
+
 #[derive(Debug, Serialize)]
 struct Stage {
     name: &'static str,
@@ -171,6 +182,7 @@ impl Summary {
             touch: plan.touch.as_ref().map(touch),
             seams: plan.seams.iter().map(|seam| seam_summary(seam, lines, paths, up)).collect(),
             coverage: plan.coverage.iter().map(stretch).collect(),
+            tacks: plan.tacks.iter().map(tack).collect(),
             stages: plan.stage_s.iter().map(|&(name, time_s)| Stage { name, time_s }).collect(),
             feasibility: None,
             warnings,
@@ -277,6 +289,11 @@ fn seam_summary(seam: &Seam, lines: &[SeamPath], paths: &[SeamPath], up: UnitVec
         reason: seam.reason.clone(),
         warnings: seam.warnings.clone(),
     }
+}
+
+fn tack(tack: &Tack) -> TackSummary {
+    let Tack { seam, from_mm, to_mm, height_mm } = *tack;
+    TackSummary { seam, from_mm, to_mm, height_mm }
 }
 
 fn error_parts(parts: ErrorParts) -> ErrorPartsSummary {
