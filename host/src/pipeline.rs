@@ -219,15 +219,8 @@ pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Re
     let raw = clock.time("index", || Grid::new(&merged.points_mm, RAW_CELL_MM));
     let excluded = scene.excluded();
     let search = ScaleSearch { views, merged, excluded, raw: &raw, registration: &registration, config };
-    let mut result = search.best(&first, &mut clock, observer)?;
-    let ground = tacks::Ground::of(&search, &result);
-    let search = match &ground {
-        Some(ground) => ScaleSearch { merged: &ground.merged, raw: &ground.raw, ..search },
-        None => search,
-    };
-    if ground.is_some() {
-        result = search.best(&first, &mut clock, observer)?;
-    }
+    let (result, ground) = tacks::sought_without(&search, &first, &mut clock, observer)?;
+    let search = ground.as_ref().map_or(search, |ground| ground.in_place_of(&search));
     let ScaleResult { scale, model, mut found } = result;
     let (merged, raw) = (search.merged, search.raw);
     scene.trim(&mut found, views);

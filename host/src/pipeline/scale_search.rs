@@ -28,6 +28,7 @@ const ANOTHER_SIZE: f32 = 1.1;
 const MIN_POINTS: usize = 40;
 
 /// Registered views, in which seams are sought.
+#[derive(Clone, Copy)]
 pub(super) struct ScaleSearch<'a> {
     pub views: &'a [View],
     /// What is work.

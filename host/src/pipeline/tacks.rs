@@ -6,9 +6,11 @@
 //! nothing else is said.
 
 use super::scale_search::{ScaleResult, ScaleSearch};
+use super::{Clock, Observer, PlanError};
 use crate::geometry::cloud::Merged;
 use crate::geometry::grid::Grid;
 use crate::geometry::statistics::median;
+use crate::model::downsampling::Scale;
 use crate::seam::{Seam, Station};
 use nalgebra::{Matrix3, Point3, Vector3};
 use std::ops::RangeInclusive;
@@ -31,7 +33,7 @@ const LENGTH_MM: RangeInclusive<f32> = 4.0..=35.0;
 /// A tack is higher over both faces than this, mm, and than this many standard deviations of the points, of which the model's
 /// are means: the face of one with legs of 4 mm is 2 mm over both.
 const LEAST_HEIGHT_MM: f32 = 1.0;
-const HEIGHT_NOISES: f32 = 2.0;
+const HEIGHT_NOISES: f32 = 1.5;
 /// Distance of the slices in which it is looked for, and their half thickness, in voxels.
 const SLICE_VOXELS: f32 = 1.0;
 const HALF_SLICE_VOXELS: f32 = 1.2;
@@ -45,6 +47,8 @@ const FACE_MM: RangeInclusive<f32> = 5.0..=15.0;
 const OFF_FACE_MM: f32 = 1.5;
 /// How often: a seam that climbs tacks has faces that lean.
 const SETTLING: usize = 3;
+/// How often they are looked for: what the first search makes of them may hide some.
+const SEARCHES: usize = 3;
 /// A seam is a tack's within this distance, mm.
 const OF_SEAM_MM: f64 = 3.0;
 
@@ -72,6 +76,25 @@ pub(super) fn words(tacks: &[Tack]) -> impl Iterator<Item = String> {
             places.join(", ")
         )
     })
+}
+
+/// What is found once no seam shows a tack any more, and the scan without them, if there were any.
+pub(super) fn sought_without(
+    search: &ScaleSearch,
+    first: &Scale,
+    clock: &mut Clock,
+    observer: &mut impl Observer,
+) -> Result<(ScaleResult, Option<Ground>), PlanError> {
+    let mut result = search.best(first, clock, observer)?;
+    let mut ground: Option<Ground> = None;
+    for _ in 0..SEARCHES {
+        let here = ground.as_ref().map_or(*search, |ground| ground.in_place_of(search));
+        let Some(mut further) = Ground::of(&here, &result) else { break };
+        further.lumps.extend(ground.map_or_else(Vec::new, |ground| ground.lumps));
+        result = further.in_place_of(search).best(first, clock, observer)?;
+        ground = Some(further);
+    }
+    Ok((result, ground))
 }
 
 /// A scan without its tacks.
@@ -137,6 +160,11 @@ impl Ground {
         Some(ground)
     }
 
+    /// The same search in the scan without tacks.
+    pub(super) fn in_place_of<'a>(&'a self, search: &ScaleSearch<'a>) -> ScaleSearch<'a> {
+        ScaleSearch { merged: &self.merged, raw: &self.raw, ..*search }
+    }
+
     /// The tacks, each on the seam that runs through it.
     pub(super) fn on(&self, seams: &[Seam]) -> Vec<Tack> {
         let origin_mm = self.merged.origin_mm;
@@ -154,6 +182,15 @@ impl Ground {
         };
         let mut tacks: Vec<Tack> = self.lumps.iter().filter_map(of).collect();
         tacks.sort_by(|a, b| a.seam.cmp(&b.seam).then(a.from_mm.total_cmp(&b.from_mm)));
+        // What was taken off in two goes is one tack.
+        tacks.dedup_by(|next, one| {
+            let is_same = next.seam == one.seam && next.from_mm <= one.to_mm;
+            if is_same {
+                one.to_mm = one.to_mm.max(next.to_mm);
+                one.height_mm = one.height_mm.max(next.height_mm);
+            }
+            is_same
+        });
         tacks
     }
 }
