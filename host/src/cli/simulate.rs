@@ -7,6 +7,7 @@ use weldpath::input;
 use weldpath::lab::simulation;
 use weldpath::lab::simulation::{
     CellErrors, Error, Format, ListedWeld, MeshRequest, Noise, Part, Pose, Request, Sensor, SensorErrors,
+    Tacks,
 };
 
 use super::folder::{Folder, FolderArgs};
@@ -15,7 +16,8 @@ use super::{Exit, Failure, print, whole};
 /// Simulate a multi-view scan of a workpiece, with its exact truth
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
-    /// fillet, lap, round-lap, corner, pipe, butt-v, saddle, branch, tacked, scurve, cruciform, plate or box
+    /// fillet, lap, round-lap, boss, corner, pipe, square-tube, elbow, butt-v, half-v, saddle, branch, tacked, scurve,
+    /// cruciform, several, vise, plate or box
     #[arg(long, required_unless_present = "mesh", conflicts_with = "mesh")]
     part: Option<Part>,
     /// Scan this STL, OBJ or PLY mesh instead, as it lies with z up on a table
@@ -50,15 +52,27 @@ pub(super) struct Args {
     /// Size of a depth image
     #[arg(long, value_name = "WxH", default_value = "640x480")]
     size: Size,
-    /// Included angle of a groove, or between plate and web
+    /// Included angle of a groove, between plate and web, or between the pipes of a saddle
     #[arg(long, value_name = "DEG", conflicts_with = "mesh", allow_negative_numbers = true)]
     angle_deg: Option<f64>,
     /// Length of a straight seam
     #[arg(long, value_name = "MM", conflicts_with = "mesh", allow_negative_numbers = true)]
     length_mm: Option<f64>,
-    /// Distance of the members at the root; butt-v, fillet and lap only
+    /// Distance of the members at the root; butt-v, half-v, fillet and lap only
     #[arg(long, value_name = "MM", conflicts_with = "mesh", allow_negative_numbers = true)]
     root_opening_mm: Option<f64>,
+    /// Thickness of the members; butt-v, half-v, fillet and lap only
+    #[arg(long, value_name = "MM", conflicts_with = "mesh", allow_negative_numbers = true)]
+    thickness_mm: Option<f64>,
+    /// So many tacks hold the joint already, 10 to 20 mm long; fillet only
+    #[arg(long, value_name = "N", value_parser = whole::<usize>, conflicts_with = "mesh", allow_negative_numbers = true)]
+    tacks: Option<usize>,
+    /// Leg of a tack
+    #[arg(long, value_name = "MM", default_value_t = 4.0, requires = "tacks", allow_negative_numbers = true)]
+    tack_mm: f64,
+    /// Leave the work out: the table, or the vise, from the same places, for `plan --background`
+    #[arg(long, conflicts_with = "mesh")]
+    empty: bool,
     /// Scan badly on purpose: views that share too little; branch and tacked only
     #[arg(long, conflicts_with = "mesh")]
     weak: bool,
@@ -143,6 +157,9 @@ struct SensorArgs {
     /// Radial distortion that scan.json does not say
     #[arg(long, value_name = "K1", allow_negative_numbers = true)]
     k1: Option<f64>,
+    /// So many pixels of a view read 5 to 60 m, as many are saturated, as many read nothing
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = whole::<u32>, allow_negative_numbers = true)]
+    stray: u32,
 }
 
 impl SensorArgs {
@@ -163,6 +180,7 @@ impl SensorArgs {
             focal_percent: self.focal_percent.unwrap_or(own.focal_percent),
             centre_px: self.centre_px.unwrap_or(own.centre_px),
             k1: self.k1.unwrap_or(own.k1),
+            stray_px: self.stray,
         }
     }
 }
@@ -224,10 +242,13 @@ fn request(args: &Args, part: Part) -> Request {
         width: args.size.width,
         height: args.size.height,
         weak: args.weak,
+        empty: args.empty,
         format: args.format,
         angle_deg: args.angle_deg,
         length_mm: args.length_mm,
+        thickness_mm: args.thickness_mm,
         root_opening_mm: args.root_opening_mm,
+        tacks: args.tacks.map(|count| Tacks { count, leg_mm: args.tack_mm }),
         cell: args.cell.errors(),
         sensor: args.sensor.errors(),
     }

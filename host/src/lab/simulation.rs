@@ -25,7 +25,7 @@ pub use camera::{Camera, DepthImage, RANGE_MM};
 pub use files::{files, write};
 pub use mesh::{ListedWeld, MeshRequest, mesh_truth, simulate_mesh};
 pub use noise::{Imaging, Noise};
-pub use request::{CellErrors, Error, Format, Part, Pose, Request};
+pub use request::{CellErrors, Error, Format, Part, Pose, Request, Tacks};
 pub use rotation::UrPose;
 pub use scene::Scene;
 pub use sensor::{REACH_MM, Sensor, SensorErrors};
@@ -72,9 +72,7 @@ pub struct Stage {
 
 /// The workpiece of a request on its table, with good places for the camera and the truth, but no images.
 pub fn stage(request: &Request) -> Result<Stage, Error> {
-    request.check()?;
-    let piece = Workpiece::of(request);
-    let placed = placement::Placement::of(&piece, request);
+    let (piece, placed) = placed(request)?;
     let scene = placed.scene(&piece);
     let base_from_camera: Vec<Isometry3<f64>> = placed
         .true_flanges()
@@ -83,6 +81,14 @@ pub fn stage(request: &Request) -> Result<Stage, Error> {
         .collect();
     let truth = truth::of(request, &piece, &placed, &scene, &base_from_camera);
     Ok(Stage { scene, base_from_camera, truth })
+}
+
+/// The workpiece of a request, or only what holds it, where the whole of it lies.
+fn placed(request: &Request) -> Result<(Workpiece, placement::Placement), Error> {
+    request.check()?;
+    let piece = Workpiece::of(request);
+    let placed = placement::Placement::of(&piece, request);
+    Ok((if request.empty { piece.without_work() } else { piece }, placed))
 }
 
 /// A whole scan, as a robot with a camera on its flange would record it.
@@ -94,9 +100,7 @@ pub fn simulate(request: &Request) -> Result<Simulated, Error> {
 /// The scan that a camera moved by hand makes of a request's workpiece: views taken at these poses, with the truth for
 /// them. The robot reports the poses with the errors of [`simulate`].
 pub fn captured(request: &Request, base_from_camera: &[Isometry3<f64>]) -> Result<Simulated, Error> {
-    request.check()?;
-    let piece = Workpiece::of(request);
-    let placed = placement::Placement::of(&piece, request);
+    let (piece, placed) = placed(request)?;
     let scene = placed.scene(&piece);
     let truth = truth::of(request, &piece, &placed, &scene, base_from_camera);
     Ok(recorded(request, &scene, base_from_camera, truth))

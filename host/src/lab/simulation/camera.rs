@@ -3,6 +3,7 @@
 //! Depth is the coordinate along the optical axis, as in a depth image; x to the right, y down. Millimetres.
 
 use nalgebra::{Point3, Vector3};
+use std::collections::BTreeMap;
 
 /// Pinhole camera, with radial distortion where it has any.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -25,7 +26,7 @@ pub struct Camera {
 pub const RANGE_MM: [f64; 2] = [100.0, 900.0];
 
 /// Counts per pixel, row by row; 0 where there is no reading.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct DepthImage {
     /// Columns.
     pub width: u32,
@@ -33,6 +34,8 @@ pub struct DepthImage {
     pub height: u32,
     /// Depth in units of [`Camera::depth_scale_mm`].
     pub counts: Vec<u16>,
+    /// Depths beyond what a count can say, mm by pixel; their counts are saturated.
+    pub beyond_mm: BTreeMap<usize, f64>,
 }
 
 /// The surface in one pixel before the sensor's own errors.
@@ -90,7 +93,8 @@ impl DepthImage {
     pub fn points_mm(&self, camera: &Camera) -> Vec<Point3<f64>> {
         let width = self.width as usize;
         let point = |(i, &count): (usize, &u16)| {
-            let depth_mm = f64::from(count) * camera.depth_scale_mm;
+            let counted_mm = f64::from(count) * camera.depth_scale_mm;
+            let depth_mm = self.beyond_mm.get(&i).copied().unwrap_or(counted_mm);
             Point3::from(camera.ray((i % width) as f64, (i / width) as f64) * depth_mm)
         };
         self.counts.iter().enumerate().filter(|(_, count)| **count > 0).map(point).collect()

@@ -126,8 +126,14 @@ pub(super) fn image(
         noise => Degradation { camera, model: noise.model().with(errors), seed, view }.degrade(seen, width),
     };
     let count = |(i, z)| to_counts(errors.banded(z, i % width, width), camera.depth_scale_mm);
-    let counts = depth.into_iter().enumerate().map(count).collect();
-    DepthImage { width: camera.width, height: camera.height, counts }
+    let mut counts: Vec<u16> = depth.into_iter().enumerate().map(count).collect();
+    let full_mm = f64::from(u16::MAX) * camera.depth_scale_mm;
+    let mut beyond_mm = errors.strays(counts.len(), &mut Stream::new(seed, "stray", view));
+    for (i, depth_mm) in &beyond_mm {
+        counts[*i] = (depth_mm.min(full_mm) / camera.depth_scale_mm).round() as u16;
+    }
+    beyond_mm.retain(|_, depth_mm| *depth_mm > full_mm && depth_mm.is_finite());
+    DepthImage { width: camera.width, height: camera.height, counts, beyond_mm }
 }
 
 fn to_counts(depth_mm: f64, scale_mm: f64) -> u16 {

@@ -15,13 +15,21 @@ pub enum Part {
     Lap,
     /// Disc on plate: a closed lap joint.
     RoundLap,
+    /// Boss, a low cylinder, on a plate: one closed seam.
+    Boss,
     /// Outside corner of two plates, 250 mm.
     Corner,
     /// Pipe on plate.
     Pipe,
+    /// Square tube with round corners on a plate: one closed seam.
+    SquareTube,
+    /// Pipe bend whose straight leg stands on a plate: one closed seam.
+    Elbow,
     /// V groove between two plates, 500 mm.
     ButtV,
-    /// Branch pipe on a main pipe.
+    /// Half-V groove, 500 mm: one plate bevelled, the other square.
+    HalfV,
+    /// Branch pipe on a main pipe; it may lean.
     Saddle,
     /// Three webs at 120 degrees on a plate: six seams in two pockets.
     Branch,
@@ -31,6 +39,10 @@ pub enum Part {
     Scurve,
     /// Two webs that cross, on a plate: twelve seams in four pockets.
     Cruciform,
+    /// T joint, boss and square tube apart from each other on the table.
+    Several,
+    /// T joint held by its plate between the jaws of a vise, whose contacts are no seams.
+    Vise,
     /// A plate with two holes: nothing to weld.
     Plate,
     /// A block on the table: nothing to weld.
@@ -79,6 +91,20 @@ pub struct CellErrors {
     pub seed: Option<u64>,
 }
 
+/// Length of a fillet if not told otherwise, mm.
+pub(super) const FILLET_MM: f64 = 300.0;
+/// Shortest and longest tack, mm.
+pub(super) const TACK_MM: [f64; 2] = [10.0, 20.0];
+
+/// Short beads on the line of a joint; 10 to 20 mm long, at equal steps give or take a tenth.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Tacks {
+    /// How many.
+    pub count: usize,
+    /// Leg of a bead on either face, mm.
+    pub leg_mm: f64,
+}
+
 /// A scan to simulate.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Request {
@@ -98,15 +124,22 @@ pub struct Request {
     pub height: u32,
     /// Place the cameras badly on purpose: views that share too little. For `branch` and `tacked`.
     pub weak: bool,
+    /// Leave the work out: what is there before it, from the same places.
+    pub empty: bool,
     /// How views are stored.
     pub format: Format,
-    /// Included angle of a groove, or angle between plate and web of a fillet, degrees; 60 and 90 if not given.
+    /// Included angle of a groove, angle between plate and web of a fillet, or between the pipes of a saddle, degrees; 60
+    /// (50 of a half-V) and 90 if not given.
     pub angle_deg: Option<f64>,
-    /// Length of a straight seam, mm, for `fillet`, `lap`, `corner`, `butt-v`.
+    /// Length of a straight seam, mm, for `fillet`, `lap`, `corner`, `butt-v`, `half-v`.
     pub length_mm: Option<f64>,
-    /// Distance of the members at the root, mm, for `fillet`, `lap`, `butt-v`; if not given, a groove draws its own, and
-    /// the others are tight.
+    /// Thickness of both members, mm, for `fillet`, `lap`, `butt-v`, `half-v`; drawn from 7 to 10 if not given.
+    pub thickness_mm: Option<f64>,
+    /// Distance of the members at the root, mm, for `fillet`, `lap`, `butt-v`, `half-v`; if not given, a groove draws its
+    /// own, and the others are tight.
     pub root_opening_mm: Option<f64>,
+    /// Beads that hold a `fillet` on the camera's side already.
+    pub tacks: Option<Tacks>,
     /// How the cell errs; if not given, the first pose is exact and the others are off by 1 to 3 mm.
     pub cell: Option<CellErrors>,
     /// What the camera does wrong beside its noise.
@@ -166,18 +199,24 @@ pub enum Error {
 
 impl Part {
     /// All of them.
-    pub const ALL: [Self; 13] = [
+    pub const ALL: [Self; 19] = [
         Self::Fillet,
         Self::Lap,
         Self::RoundLap,
+        Self::Boss,
         Self::Corner,
         Self::Pipe,
+        Self::SquareTube,
+        Self::Elbow,
         Self::ButtV,
+        Self::HalfV,
         Self::Saddle,
         Self::Branch,
         Self::Tacked,
         Self::Scurve,
         Self::Cruciform,
+        Self::Several,
+        Self::Vise,
         Self::Plate,
         Self::Box,
     ];
@@ -188,14 +227,20 @@ impl Part {
             Self::Fillet => "fillet",
             Self::Lap => "lap",
             Self::RoundLap => "round-lap",
+            Self::Boss => "boss",
             Self::Corner => "corner",
             Self::Pipe => "pipe",
+            Self::SquareTube => "square-tube",
+            Self::Elbow => "elbow",
             Self::ButtV => "butt-v",
+            Self::HalfV => "half-v",
             Self::Saddle => "saddle",
             Self::Branch => "branch",
             Self::Tacked => "tacked",
             Self::Scurve => "scurve",
             Self::Cruciform => "cruciform",
+            Self::Several => "several",
+            Self::Vise => "vise",
             Self::Plate => "plate",
             Self::Box => "box",
         }
@@ -283,10 +328,13 @@ impl Request {
             width: 640,
             height: 480,
             weak: false,
+            empty: false,
             format: Format::Png,
             angle_deg: None,
             length_mm: None,
+            thickness_mm: None,
             root_opening_mm: None,
+            tacks: None,
             cell: None,
             sensor: SensorErrors::default(),
         }
@@ -305,31 +353,57 @@ impl Request {
         within("height", f64::from(self.height), 16.0, 4096.0)?;
         self.cell.map_or(Ok(()), |cell| cell.check())?;
         self.sensor.check()?;
-        let refuse = |setting, choices| Err(Error::NotForPart { part: part.name(), setting, choices });
-        match (self.angle_deg, part) {
-            (Some(angle_deg), Part::Fillet) => within("angle", angle_deg, 45.0, 135.0)?,
-            (Some(angle_deg), Part::ButtV | Part::Scurve) => within("angle", angle_deg, 30.0, 120.0)?,
-            (Some(_), _) => return refuse("angle", "fillet, butt-v, scurve"),
-            _ => {}
-        }
-        match (self.length_mm, part) {
-            (Some(length_mm), Part::Fillet | Part::Lap | Part::Corner | Part::ButtV) => {
-                within("length", length_mm, 60.0, 600.0)?;
-            }
-            (Some(_), _) => return refuse("length", "fillet, lap, corner, butt-v"),
-            _ => {}
-        }
-        match (self.root_opening_mm, part) {
-            (Some(opening_mm), Part::Fillet | Part::Lap | Part::ButtV) => {
-                within("root opening", opening_mm, 0.0, 5.0)?;
-            }
-            (Some(_), _) => return refuse("root opening", "fillet, lap, butt-v"),
-            _ => {}
-        }
+        self.check_sizes()?;
         match (self.weak, part) {
             (true, Part::Branch | Part::Tacked) | (false, _) => Ok(()),
-            (true, _) => refuse("weak placement", "branch, tacked"),
+            (true, _) => self.refuse("weak placement", "branch, tacked"),
         }
+    }
+
+    fn refuse(&self, setting: &'static str, choices: &'static str) -> Result<(), Error> {
+        Err(Error::NotForPart { part: self.part.name(), setting, choices })
+    }
+
+    fn check_sizes(&self) -> Result<(), Error> {
+        match (self.angle_deg, self.part) {
+            (Some(angle_deg), Part::Fillet) => within("angle", angle_deg, 45.0, 135.0)?,
+            (Some(angle_deg), Part::ButtV | Part::Scurve) => within("angle", angle_deg, 30.0, 120.0)?,
+            (Some(angle_deg), Part::HalfV) => within("angle", angle_deg, 30.0, 60.0)?,
+            (Some(angle_deg), Part::Saddle) => within("angle", angle_deg, 45.0, 90.0)?,
+            (Some(_), _) => return self.refuse("angle", "fillet, butt-v, half-v, scurve, saddle"),
+            _ => {}
+        }
+        match (self.length_mm, self.part) {
+            (Some(length_mm), Part::Fillet | Part::Lap | Part::Corner | Part::ButtV | Part::HalfV) => {
+                within("length", length_mm, 60.0, 600.0)?;
+            }
+            (Some(_), _) => return self.refuse("length", "fillet, lap, corner, butt-v, half-v"),
+            _ => {}
+        }
+        let plates = matches!(self.part, Part::Fillet | Part::Lap | Part::ButtV | Part::HalfV);
+        match (self.root_opening_mm, plates) {
+            (Some(opening_mm), true) => within("root opening", opening_mm, 0.0, 5.0)?,
+            (Some(_), false) => return self.refuse("root opening", "fillet, lap, butt-v, half-v"),
+            _ => {}
+        }
+        match (self.thickness_mm, plates) {
+            (Some(thickness_mm), true) => within("thickness", thickness_mm, 1.0, 30.0)?,
+            (Some(_), false) => return self.refuse("thickness", "fillet, lap, butt-v, half-v"),
+            _ => {}
+        }
+        match (self.tacks, self.part) {
+            (Some(tacks), Part::Fillet) => tacks.check(self.length_mm.unwrap_or(FILLET_MM)),
+            (Some(_), _) => self.refuse("tacks", "fillet"),
+            _ => Ok(()),
+        }
+    }
+}
+
+impl Tacks {
+    /// The longest of them, with as much between them, fit on the seam.
+    fn check(&self, seam_mm: f64) -> Result<(), Error> {
+        within("number of tacks", self.count as f64, 0.0, (seam_mm / (2.0 * TACK_MM[1])).floor())?;
+        within("tack's leg", self.leg_mm, 1.0, 10.0)
     }
 }
 
@@ -353,6 +427,7 @@ impl SensorErrors {
         optional("disparity step", self.disparity_step_px, 1e-3, 2.0)?;
         within("depth step", self.depth_step_mm, 0.0, 50.0)?;
         within("interreflection", self.interreflection_mm, -20.0, 20.0)?;
+        within("number of stray pixels", f64::from(self.stray_px), 0.0, 1000.0)?;
         within("specular angle", self.specular_deg, 0.0, 45.0)?;
         optional("grazing angle", self.grazing_deg, 20.0, 89.0)?;
         within("stripes", self.stripes_mm, 0.0, 10.0)?;

@@ -16,6 +16,7 @@ use super::rotation::sin_cos_deg;
 use super::scene::Scene;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
+use std::collections::BTreeMap;
 
 /// A kind of depth camera.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -62,12 +63,16 @@ pub struct SensorErrors {
     pub centre_px: f64,
     /// First radial distortion (Brown-Conrady) that nobody stated.
     pub k1: f64,
+    /// So many pixels of each view read from 5 to 60 m, as many are saturated (65535), and as many read nothing.
+    pub stray_px: u32,
 }
 
 /// Distance from a corner's root at which interreflection has fallen to 1/e, mm.
 pub const REACH_MM: f64 = 5.0;
 /// Farther than this from another face there is no interreflection worth a ray, mm.
 const DARK_MM: f64 = 6.0 * REACH_MM;
+/// Where stray pixels read something, mm.
+const STRAY_MM: [f64; 2] = [5e3, 60e3];
 /// Directions in which a face looks for others, this far above itself.
 const DIRECTIONS: u32 = 8;
 const LIFTED_DEG: f64 = 10.0;
@@ -160,6 +165,17 @@ impl SensorErrors {
             seen = per_pixel(&seen, |i| averaged(&seen, width, i, self.window_px as usize));
         }
         seen
+    }
+
+    /// Depths that some pixels report for no surface at all, mm by pixel: far off, saturated (no number), or none (0).
+    pub(super) fn strays(&self, pixels: usize, random: &mut Stream) -> BTreeMap<usize, f64> {
+        let kinds = [Some(STRAY_MM), None, Some([0.0; 2])];
+        let all = kinds.into_iter().flat_map(|kind| (0..self.stray_px).map(move |_| kind));
+        all.map(|kind| {
+            let pixel = (random.unit() * pixels as f64) as usize;
+            (pixel, kind.map_or(f64::INFINITY, |[low, high]| random.between(low, high)))
+        })
+        .collect()
     }
 
     /// A reading with bands and steps, mm.

@@ -1,5 +1,7 @@
 //! What is true of every simulated scan.
 
+mod parts;
+
 use super::*;
 use nalgebra::{Point3, Vector3};
 
@@ -15,8 +17,8 @@ fn gap_mm(scene: &Scene, eye: Point3<f64>, point: Point3<f64>) -> f64 {
 
 #[test]
 fn without_noise_every_reading_lies_on_the_scene_at_the_reported_pose() {
-    for part in Part::ALL {
-        let request = small(part);
+    for request in pieces() {
+        let part = request.part;
         let scene = stage(&request).unwrap().scene;
         let scan = simulate(&request).unwrap();
         for view in &scan.views {
@@ -30,16 +32,36 @@ fn without_noise_every_reading_lies_on_the_scene_at_the_reported_pose() {
     }
 }
 
+/// Every part as it comes, and those that sheet, angles and tacks make of it.
+fn pieces() -> Vec<Request> {
+    let sheet = |part| Request { thickness_mm: Some(1.0), ..small(part) };
+    let thick = |part| Request { thickness_mm: Some(25.0), ..small(part) };
+    let leaning = |part, angle_deg| Request { angle_deg: Some(angle_deg), ..small(part) };
+    let tacked = Request { tacks: Some(Tacks { count: 5, leg_mm: 4.0 }), ..small(Part::Fillet) };
+    let more = [
+        sheet(Part::Fillet),
+        sheet(Part::Lap),
+        thick(Part::ButtV),
+        thick(Part::HalfV),
+        leaning(Part::Fillet, 60.0),
+        leaning(Part::Fillet, 120.0),
+        leaning(Part::Saddle, 45.0),
+        tacked,
+    ];
+    Part::ALL.into_iter().map(small).chain(more).collect()
+}
+
 #[test]
 fn the_truth_lies_where_two_surfaces_meet() {
-    for part in Part::ALL {
-        let Stage { scene, truth, .. } = stage(&small(part)).unwrap();
+    for piece in pieces().into_iter().filter(|piece| piece.tacks.is_none()) {
+        let (part, Stage { scene, truth, .. }) = (piece.part, stage(&piece).unwrap());
+        let reach_mm = piece.thickness_mm.map_or(3.0, |thick| (0.5 * thick).min(3.0));
         for seam in truth.seams.iter().filter(|s| s.required) {
             for i in (5..seam.p.len() - 5).step_by(11) {
                 let [p, a, b] = [seam.p[i], seam.normal_a[i], seam.normal_b[i]].map(Vector3::from);
                 for (face, other) in [(a, b), (b, a)] {
                     let away = (other - face * other.dot(&face)).normalize();
-                    let on_face = Point3::from(p + away * 3.0);
+                    let on_face = Point3::from(p + away * reach_mm);
                     let hit = scene.cast(on_face + face, -face).expect("a face beside the seam");
                     // A chord of 3 mm leaves a cylinder of 29 mm radius by 0.16 mm.
                     let far_mm = (hit.distance - 1.0).abs();
@@ -53,8 +75,9 @@ fn the_truth_lies_where_two_surfaces_meet() {
 
 #[test]
 fn torch_and_tangent_are_unit_and_perpendicular() {
-    for part in Part::ALL {
-        for seam in stage(&small(part)).unwrap().truth.seams {
+    for piece in pieces() {
+        let part = piece.part;
+        for seam in stage(&piece).unwrap().truth.seams {
             for (n, t) in seam.n.iter().zip(&seam.t) {
                 let (n, t) = (Vector3::from(*n), Vector3::from(*t));
                 assert!((n.norm() - 1.0).abs() < 1e-5 && (t.norm() - 1.0).abs() < 1e-5);
@@ -66,8 +89,9 @@ fn torch_and_tangent_are_unit_and_perpendicular() {
 
 #[test]
 fn stations_are_a_millimetre_apart() {
-    for part in Part::ALL {
-        for seam in stage(&small(part)).unwrap().truth.seams {
+    for piece in pieces() {
+        let part = piece.part;
+        for seam in stage(&piece).unwrap().truth.seams {
             for pair in seam.p.windows(2) {
                 let step = (Vector3::from(pair[1]) - Vector3::from(pair[0])).norm();
                 assert!((0.95..1.05).contains(&step), "{part} {}: {step} mm", seam.name);
@@ -78,8 +102,10 @@ fn stations_are_a_millimetre_apart() {
 
 #[test]
 fn good_views_see_most_of_every_required_seam_and_the_anchor_sees_it_too() {
-    for (part, pose) in Part::ALL.into_iter().flat_map(|part| Pose::ALL.map(|pose| (part, pose))) {
-        let request = Request { width: 640, height: 480, pose, ..small(part) };
+    let asked =
+        |piece: Request| Pose::ALL.map(|pose| Request { width: 640, height: 480, pose, ..piece.clone() });
+    for request in pieces().into_iter().flat_map(asked) {
+        let (part, pose) = (request.part, request.pose);
         for seam in stage(&request).unwrap().truth.seams.iter().filter(|s| s.required) {
             let seen = seam.visible.iter().filter(|v| **v > 0).count() as f64 / seam.visible.len() as f64;
             assert!(seen > 0.6, "{part} {pose} {}: {seen}", seam.name);
@@ -222,6 +248,11 @@ fn nonsense_is_refused_with_a_way_out() {
     assert!(erring(SensorErrors { window_px: 99, ..Default::default() }).contains("matching window"));
     assert!(erring(SensorErrors { k1: f64::NAN, ..Default::default() }).contains("k1"));
     assert!("kinect".parse::<Sensor>().unwrap_err().to_string().contains("stereo"));
+    assert!(refused(&Request { thickness_mm: Some(0.5), ..small(Part::Lap) }).contains("thickness"));
+    assert!(refused(&Request { thickness_mm: Some(2.0), ..small(Part::Pipe) }).contains("half-v"));
+    let tacks = |part, count| Request { tacks: Some(Tacks { count, leg_mm: 4.0 }), ..small(part) };
+    assert!(refused(&tacks(Part::Lap, 3)).contains("fillet"));
+    assert!(refused(&tacks(Part::Fillet, 8)).contains("number of tacks"));
     let opening = |part, mm| Request { root_opening_mm: Some(mm), ..small(part) };
     assert!(refused(&opening(Part::Pipe, 1.0)).contains("butt-v"));
     assert!(refused(&opening(Part::ButtV, -0.1)).contains("root opening"));
@@ -247,7 +278,9 @@ fn least_information(stage: &Stage, view: usize) -> f64 {
 
 #[test]
 fn where_seams_run_every_way_the_anchor_sees_faces_every_way_unless_placed_badly() {
-    for part in [Part::Pipe, Part::Saddle, Part::Branch, Part::Tacked, Part::Cruciform, Part::Box] {
+    for part in
+        [Part::Pipe, Part::Saddle, Part::Branch, Part::Tacked, Part::Cruciform, Part::SquareTube, Part::Box]
+    {
         let information = least_information(&stage(&small(part)).unwrap(), 0);
         assert!(information > 0.02, "{part}: {information}");
     }

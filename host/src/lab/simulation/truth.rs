@@ -112,6 +112,7 @@ impl Eyes<'_> {
         self.camera.project(&in_camera).is_some()
             && (RANGE_MM[0]..=RANGE_MM[1]).contains(&in_camera.z)
             && face.dot(&sight) >= MIN_INCIDENCE
-            && self.scene.is_free(probe, eye)
+            // From the camera: a place within a tack lies behind its surface.
+            && self.scene.is_free(eye, probe)
     }
 }

@@ -6,6 +6,8 @@
 mod grooves;
 mod plates;
 mod round;
+mod scenes;
+mod tubes;
 mod webs;
 
 use super::random::Stream;
@@ -21,6 +23,8 @@ pub(super) struct Workpiece {
     pub(super) solids: Vec<Solid>,
     pub(super) seams: Vec<TrueSeam>,
     pub(super) views: Views,
+    /// The last so many solids only hold the work.
+    pub(super) holding: usize,
     /// What was drawn, by name, mm or degrees.
     pub(super) drawn: BTreeMap<&'static str, f64>,
 }
@@ -81,8 +85,14 @@ impl Workpiece {
             Part::Plate => plates::plate(&mut draw),
             Part::Box => plates::block(&mut draw),
             Part::RoundLap => round::round_lap(&mut draw),
+            Part::Boss => round::boss(&mut draw),
             Part::Pipe => round::pipe(&mut draw),
-            Part::Saddle => round::saddle(&mut draw),
+            Part::Saddle => round::saddle(&mut draw, request.angle_deg),
+            Part::SquareTube => tubes::square_tube(&mut draw),
+            Part::Elbow => tubes::elbow(&mut draw),
+            Part::Several => scenes::several(&mut draw),
+            Part::Vise => scenes::vise(&mut draw),
+            Part::HalfV => grooves::half_v(&mut draw, request),
             Part::ButtV => grooves::butt_v(&mut draw, request),
             Part::Scurve => grooves::scurve(&mut draw, request.angle_deg.unwrap_or(60.0)),
         };
@@ -90,8 +100,15 @@ impl Workpiece {
         piece
     }
 
+    /// What only holds the work.
+    pub(super) fn without_work(mut self) -> Self {
+        self.solids.drain(..self.solids.len() - self.holding);
+        self.seams.clear();
+        self
+    }
+
     fn new(solids: Vec<Solid>, seams: Vec<TrueSeam>, views: Views) -> Self {
-        Self { solids, seams, views, drawn: BTreeMap::new() }
+        Self { solids, seams, views, holding: 0, drawn: BTreeMap::new() }
     }
 }
 
@@ -105,6 +122,12 @@ impl Draw {
     fn between(&mut self, name: &'static str, low: f64, high: f64) -> f64 {
         let value = self.random.between(low, high);
         self.given(name, value)
+    }
+
+    /// What is asked for; drawn otherwise. Later draws are the same either way.
+    fn between_or(&mut self, name: &'static str, [low, high]: [f64; 2], asked: Option<f64>) -> f64 {
+        let drawn = self.random.between(low, high);
+        self.given(name, asked.unwrap_or(drawn))
     }
 
     fn given(&mut self, name: &'static str, value: f64) -> f64 {
@@ -165,6 +188,23 @@ impl TrueSeam {
         };
         let stations = (0..count as usize).map(station).collect();
         Self { name: name.into(), closed: true, required, stations }
+    }
+
+    /// A closed seam from its stations at shares of one turn, resampled to a station every millimetre or so.
+    fn closed(name: &str, at: impl Fn(f64) -> TrueStation) -> Self {
+        let fine: Vec<TrueStation> = (0..7200).map(|i| at(f64::from(i) / 7200.0)).collect();
+        let mut lengths = vec![0.0];
+        for pair in fine.windows(2) {
+            lengths.push(lengths[lengths.len() - 1] + (pair[1].apex - pair[0].apex).norm());
+        }
+        let total = lengths[fine.len() - 1] + (fine[0].apex - fine[fine.len() - 1].apex).norm();
+        let count = total.round();
+        let station = |i: usize| {
+            let s = total * i as f64 / count;
+            fine[lengths.partition_point(|l| *l < s).min(fine.len() - 1)]
+        };
+        let stations = (0..count as usize).map(station).collect();
+        Self { name: name.into(), closed: true, required: true, stations }
     }
 
     /// The seam in the frame `to_from`.

@@ -1,4 +1,4 @@
-//! V grooves: two bevelled plates side by side, straight or along an S with a crown.
+//! V grooves: two plates side by side, both bevelled or one, straight or along an S with a crown.
 
 use super::{Draw, Request, TrueSeam, TrueStation, Viewpoint, Views, Workpiece};
 use crate::lab::simulation::rotation::{from_columns, sin_cos, sin_cos_deg};
@@ -18,8 +18,8 @@ struct Groove {
 }
 
 impl Groove {
-    fn draw(draw: &mut Draw, included_deg: f64, opening_mm: Option<f64>) -> Self {
-        let thick = draw.between("T", 8.0, 10.0);
+    fn draw(draw: &mut Draw, included_deg: f64, opening_mm: Option<f64>, thickness_mm: Option<f64>) -> Self {
+        let thick = draw.between_or("T", [8.0, 10.0], thickness_mm);
         let drawn = draw.between("gap", 1.2, 1.8);
         let gap = draw.given("gap", opening_mm.unwrap_or(drawn));
         let root_face = draw.between("root_face", 0.6, 1.0);
@@ -54,7 +54,8 @@ impl Groove {
 
 /// Two bevelled plates, at 60 degrees between the bevels unless told otherwise.
 pub(super) fn butt_v(draw: &mut Draw, request: &Request) -> Workpiece {
-    let groove = Groove::draw(draw, request.angle_deg.unwrap_or(60.0), request.root_opening_mm);
+    let groove =
+        Groove::draw(draw, request.angle_deg.unwrap_or(60.0), request.root_opening_mm, request.thickness_mm);
     let half = 0.5 * request.length_mm.unwrap_or(500.0);
     let outline = groove.plate(75.0, 0.0);
     let solids = [outline, Groove::mirrored(outline)].map(|o| Convex::prism(&o, -half, half).into());
@@ -79,12 +80,50 @@ pub(super) fn butt_v(draw: &mut Draw, request: &Request) -> Workpiece {
     Workpiece::new(solids.to_vec(), vec![seam], Views::List(viewpoints))
 }
 
+/// A bevelled plate on the camera's side, at 50 degrees to the square edge of the other unless told otherwise.
+pub(super) fn half_v(draw: &mut Draw, request: &Request) -> Workpiece {
+    let thick = draw.between_or("T", [8.0, 10.0], request.thickness_mm);
+    let gap = draw.between_or("gap", [1.2, 1.8], request.root_opening_mm);
+    let land = draw.between("root_face", 0.6, 1.0);
+    let (sin, cos) = sin_cos_deg(draw.given("included", request.angle_deg.unwrap_or(50.0)));
+    let half = 0.5 * request.length_mm.unwrap_or(500.0);
+    let lip = gap + (thick - land) * sin / cos;
+    let bevelled = [[-75.0, 0.0], [-gap, 0.0], [-gap, land], [-lip, thick], [-75.0, thick]];
+    let solids = vec![
+        Convex::prism(&bevelled, -half, half).into(),
+        Convex::cuboid([-half, 0.0, 0.0], [half, 75.0, thick]).into(),
+    ];
+    // Where the bevel, drawn on, meets the square edge; the opening is between it and the bevel's foot.
+    let apex = land - gap * cos / sin;
+    let end = |x| Point3::new(x, 0.0, apex);
+    let faces = [Vector3::new(0.0, cos, sin), -Vector3::y()];
+    let opening = 2.0 * Vector3::new(0.0, -0.5 * gap, land - apex);
+    let seam = TrueSeam::straight("groove", end(-half), end(half), faces, true).with_opening(opening);
+    let far = 420.0_f64.min(200.0 + half);
+    let view = |along: f64, azimuth_deg, elevation_deg| Viewpoint {
+        azimuth_deg,
+        elevation_deg,
+        distance_mm: far,
+        target: Point3::new(along * half, 0.0, thick),
+    };
+    // About the middle of the groove's opening, as steep as its walls allow.
+    let viewpoints = vec![
+        view(-0.5, -80.0, 66.0),
+        view(0.0, -95.0, 63.0),
+        view(0.5, -100.0, 66.0),
+        view(-0.2, -75.0, 69.0),
+        view(0.2, -105.0, 62.0),
+        view(0.1, -88.0, 68.0),
+    ];
+    Workpiece::new(solids, vec![seam], Views::List(viewpoints))
+}
+
 /// Length of the S along x, mm.
 const SPAN: f64 = 300.0;
 
 /// A groove along an S whose plates have a crown.
 pub(super) fn scurve(draw: &mut Draw, included_deg: f64) -> Workpiece {
-    let groove = Groove::draw(draw, included_deg, None);
+    let groove = Groove::draw(draw, included_deg, None, None);
     let swing = draw.between("A", 11.0, 14.0);
     let crown = draw.between("B", 7.0, 10.0);
     let at = |x: f64| frame(x, swing, crown);

@@ -6,8 +6,8 @@ use nalgebra::{Point3, Vector3};
 
 /// The edge of a plate on another plate, or a little above it.
 pub(super) fn lap(draw: &mut Draw, request: &Request) -> Workpiece {
-    let lower = draw.between("T", 7.0, 9.0);
-    let upper = draw.between("T2", 7.0, 9.0);
+    let lower = draw.between_or("T", [7.0, 9.0], request.thickness_mm);
+    let upper = draw.between_or("T2", [7.0, 9.0], request.thickness_mm);
     let gap = request.root_opening_mm.map_or(0.0, |gap| draw.given("gap", gap));
     let half = 0.5 * request.length_mm.unwrap_or(300.0);
     let solids = vec![

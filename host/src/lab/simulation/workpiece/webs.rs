@@ -1,17 +1,18 @@
 //! Webs on a base plate: T joint, Y of three webs, cross of two, a block and a rib tacked on.
 
 use super::{Draw, Request, TrueSeam, Workpiece, around};
+use crate::lab::simulation::request::{FILLET_MM, TACK_MM, Tacks};
 use crate::lab::simulation::rotation::{about, sin_cos_deg};
 use crate::lab::simulation::solid::{Convex, Solid};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 /// A T joint whose web leans, by the angle between plate and web on the camera's side, and may stand off the plate.
 pub(super) fn fillet(draw: &mut Draw, request: &Request) -> Workpiece {
-    let plate = draw.between("T", 8.0, 10.0);
-    let web = draw.between("t", 7.0, 9.0);
+    let plate = draw.between_or("T", [8.0, 10.0], request.thickness_mm);
+    let web = draw.between_or("t", [7.0, 9.0], request.thickness_mm);
     let angle_deg = draw.given("angle_deg", request.angle_deg.unwrap_or(90.0));
     let gap = request.root_opening_mm.map_or(0.0, |gap| draw.given("gap", gap));
-    let half = 0.5 * request.length_mm.unwrap_or(300.0);
+    let half = 0.5 * request.length_mm.unwrap_or(FILLET_MM);
     let (sin, cos) = sin_cos_deg(angle_deg);
     let (front, back) = (-0.5 * web / sin, 0.5 * web / sin);
     let lean = |height: f64| -cos / sin * height;
@@ -35,8 +36,26 @@ pub(super) fn fillet(draw: &mut Draw, request: &Request) -> Workpiece {
         [[-65.0, 50.0, far], [-115.0, 45.0, far], [-45.0, 55.0, far], [-85.0, 32.0, far], [-98.0, 63.0, far]];
     // The cameras stay about the bisector of the joint.
     let places = places.map(|[azimuth, elevation, far]| [azimuth, elevation + 0.5 * (angle_deg - 90.0), far]);
-    let solids = vec![base.into(), Convex::prism(&profile, -half, half).into()];
+    let mut solids = vec![base.into(), Convex::prism(&profile, -half, half).into()];
+    if let Some(tacks) = request.tacks {
+        let root = [front, plate];
+        solids.extend(beads(draw, &tacks, half, root, [-cos, sin]));
+    }
     Workpiece::new(solids, seams, around(target, &places))
+}
+
+/// Tacks of triangular section whose root is at `root` in (y, z), on the plate towards -y and up the web along `up`.
+fn beads(draw: &mut Draw, tacks: &Tacks, half: f64, root: [f64; 2], up: [f64; 2]) -> Vec<Solid> {
+    let leg = draw.given("tack_leg", tacks.leg_mm);
+    let [y, z] = root;
+    let section = [[y - leg, z], root, [y + leg * up[0], z + leg * up[1]]];
+    let step = 2.0 * half / tacks.count as f64;
+    let bead = |i: usize| {
+        let middle = step * (i as f64 + 0.5 + draw.random.between(-0.1, 0.1)) - half;
+        let reach = 0.5 * draw.random.between(TACK_MM[0], TACK_MM[1]);
+        Convex::prism(&section, middle - reach, middle + reach).into()
+    };
+    (0..tacks.count).map(bead).collect()
 }
 
 /// Three webs at 120 degrees on a plate; the cameras stand in front of two of the three pockets.
