@@ -26,6 +26,7 @@ use crate::seam::extraction::SeamConfig;
 use crate::seam::measure::coverage;
 use crate::seam::score::edges;
 use crate::weld::SeamPath;
+use nalgebra::Point3;
 use std::time::Instant;
 
 /// How seams are found.
@@ -61,6 +62,10 @@ pub struct Config {
     pub exclusion: Exclusion,
     /// Seams and their refinement.
     pub seam: SeamConfig,
+    /// Seams that a person asks for, each by places near it in their order, mm.
+    pub asked: Vec<Vec<Point3<f64>>>,
+    /// Places whose seams are kept from the search, mm: to measure what asking for them finds.
+    pub kept_back: Vec<Point3<f64>>,
 }
 
 impl Default for Config {
@@ -74,6 +79,8 @@ impl Default for Config {
             downsampling: downsampling::VoxelConfig::default(),
             exclusion: Exclusion::default(),
             seam: SeamConfig::default(),
+            asked: Vec::new(),
+            kept_back: Vec::new(),
         }
     }
 }
@@ -108,6 +115,8 @@ pub struct Plan {
     pub stage_s: Vec<(&'static str, f64)>,
     /// Whether nothing tells from which side the work was seen, and it is taken as seen from above, +z.
     pub orientation_assumed: bool,
+    /// Of the seams that were asked for, those that are not there, and why.
+    pub unmet: Vec<String>,
     /// What the user should know.
     pub warnings: Vec<String>,
 }
@@ -219,14 +228,15 @@ pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Re
     let raw = clock.time("index", || Grid::new(&merged.points_mm, RAW_CELL_MM));
     let excluded = scene.excluded();
     let search = ScaleSearch { views, merged, excluded, raw: &raw, registration: &registration, config };
-    let (result, ground) = tacks::sought_without(&search, &first, &mut clock, observer)?;
+    let (mut result, ground) = tacks::sought_without(&search, &first, &mut clock, observer)?;
     let search = ground.as_ref().map_or(search, |ground| ground.in_place_of(&search));
-    let ScaleResult { scale, model, mut found } = result;
+    let unmet = clock.time("seam", || search.ask(&mut result));
+    let ScaleResult { scale, model, mut found, .. } = result;
     let (merged, raw) = (search.merged, search.raw);
     scene.trim(&mut found, views);
     scene.show(&model, raw, &found, observer);
     if found.seams.is_empty() {
-        return Err(no_seam(scene.reason(found.reason)));
+        return Err(no_seam(scene.reason([vec![found.reason], unmet].concat().join("; "))));
     }
     let along = || found.seams.iter().map(SeamPath::along).collect();
     let paths = clock.stage("toolpath", observer, along);
@@ -255,6 +265,7 @@ pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Re
         derived,
         stage_s,
         orientation_assumed,
+        unmet,
         warnings,
     })
 }

@@ -63,6 +63,7 @@ pub fn without_seams(recording: &Recording, job: &Job, reason: &str) -> Vec<File
         derived: Vec::new(),
         stage_s: Vec::new(),
         orientation_assumed: false,
+        unmet: Vec::new(),
         warnings: Vec::new(),
         coverage: Vec::new(),
         tacks: Vec::new(),

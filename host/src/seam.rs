@@ -8,11 +8,13 @@
 //! | [`refine`] | each chain fitted anew to the raw points, below the voxel | ours |
 //! | [`measure`] | kind of joint, fit-up, and how well the seam was seen | ours |
 //! | [`extraction`] | the rooms in a row: seams of a cloud | II-E, and beyond it |
+//! | [`asked`] | a seam that the search passed over, where a person clicked | ours |
 //! | [`facets`] | seams of a mesh, from its facets | ours |
 //!
 //! Of the paper's edge score the default takes the intensity, eqs. (11) and (12), with a gate of its own; the ratio test,
 //! eqs. (13)-(17), is [`score::paper`].
 
+pub mod asked;
 mod description;
 mod error;
 pub mod extraction;
@@ -134,6 +136,11 @@ impl Seam {
         if self.base_error_deg.is_finite() { self.base_error_deg } else { self.expected_error_deg }
     }
 
+    /// Whether a place is on it.
+    pub fn is_at(&self, place_mm: &Point3<f64>) -> bool {
+        self.stations.iter().any(|station| (station.position_mm - place_mm).norm() < AT_MM)
+    }
+
     /// What one that is not offered is called: its length, of less than 10 mm to a tenth, and the place of its middle.
     fn as_inside_corner(&self) -> String {
         let place = self.stations.get(self.stations.len() / 2).map_or(Point3::origin(), |s| s.position_mm);
@@ -147,6 +154,9 @@ impl Seam {
         )
     }
 }
+
+/// A place nearer to a station than this is on the seam, mm: about the distance of stations.
+const AT_MM: f64 = 3.0;
 
 /// Seams and what was left out on the way.
 #[derive(Debug, Clone, Default)]

@@ -73,6 +73,7 @@ fn of_paths(paths: Vec<SeamPath>) -> Plan {
         tacks: vec![],
         stage_s: vec![("normals", 0.25), ("seam", 1.5)],
         orientation_assumed: false,
+        unmet: Vec::new(),
         warnings: vec!["view 2 sees little".into()],
     }
 }

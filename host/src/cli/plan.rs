@@ -8,6 +8,7 @@ use weldpath::output::verdict::{Reason, ReasonId, State};
 use weldpath::pipeline::{self, Observer, Plan};
 use weldpath::robot::dialect::Dialect;
 use weldpath::robot::dialect::moves::TooLong;
+use weldpath::run::job::ask::AskSettings;
 use weldpath::run::job::calibration::CalibrationSettings;
 use weldpath::run::job::quantity::{
     self, ApproachMm, FeedMmS, Place, Points, RatioThreshold, Region, SpacingMm, StandoffMm,
@@ -108,6 +109,10 @@ pub(super) struct Args {
     /// The empty cell or fixture, scanned before: folder with scan.json, or one cloud in the frame of the scan; seek no seam there
     #[arg(long, value_name = "SCAN")]
     background: Option<PathBuf>,
+    /// Look for a seam that was passed over, along places within 10 mm of it, mm, base frame: both ends, more of a curve; may be
+    /// given several times
+    #[arg(long, value_name = "X,Y,Z;X,Y,Z", allow_hyphen_values = true)]
+    ask: Vec<AskSettings>,
     /// How seams are found; the paper's way is for comparison [default: weldpath]
     #[arg(long)]
     method: Option<MethodName>,
@@ -227,6 +232,9 @@ fn job(args: &Args) -> Result<Job, Failure> {
     replace(&mut job.arc.output, args.arc_output);
     job.selection.near_mm = args.near.or(job.selection.near_mm);
     job.selection.roi_mm = args.roi.or(job.selection.roi_mm);
+    if !args.ask.is_empty() {
+        job.asks.clone_from(&args.ask);
+    }
     if !args.exclude.is_empty() {
         job.exclude.boxes_mm.clone_from(&args.exclude);
     }
@@ -255,6 +263,13 @@ fn job(args: &Args) -> Result<Job, Failure> {
     job.accept.dedup();
     place_robot(&mut job, args)?;
     job.input = Some(input(args.input.as_ref(), &job)?);
+    if !job.asks.is_empty() && job.method == MethodName::Paper {
+        let failure = Failure::new(
+            Exit::Usage,
+            "the paper's method fits no faces, and can look for no seam that is asked for",
+        );
+        return Err(failure.hint("leave --method paper out, or --ask and [[ask]]"));
+    }
     if job.ratio_threshold.is_some() && job.method == MethodName::Weldpath {
         let failure = Failure::new(Exit::Usage, "--t is the threshold of the paper's method only");
         return Err(

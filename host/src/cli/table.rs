@@ -178,6 +178,7 @@ mod tests {
             derived: vec![Derived { name: "voxel_mm", value: 0.8, how: "twice the mean spacing".into() }],
             stage_s: vec![],
             orientation_assumed: false,
+            unmet: Vec::new(),
             warnings: vec!["view 3 overlaps too little".into()],
         }
     }

@@ -97,6 +97,8 @@ reasons! {
     SideAssumed => "side-assumed", Check;
     /// The tool is not stated, so that the controller's own setting holds.
     ToolNotStated => "tool-not-stated", Check;
+    /// A seam that was asked for is not there.
+    AskedNotThere => "asked-not-there", Check;
     /// A seam whose error is over the limit; it is not welded.
     SeamUncertain => "seam-uncertain", Check;
     /// The tip may be farther from a seam in the robot's base frame than the limit.

@@ -9,10 +9,11 @@ use crate::model::downsampling;
 use crate::model::downsampling::{Scale, Voxels};
 use crate::model::orientation::{self, Orientation};
 use crate::model::reconstruction::Registration;
+use crate::seam::asked::{self, Answer};
 use crate::seam::score::{edges, paper};
 use crate::seam::trace::support;
 use crate::seam::{Cues, Found, INDEX_VOXELS, Input, RawScan, Seam, SurfaceModel, extraction};
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 
 // All chosen on the simulated scans and on scans of other people.
 
@@ -46,6 +47,7 @@ pub(super) struct ScaleResult {
     pub scale: Scale,
     pub model: Model,
     pub found: Found,
+    cues: Cues,
 }
 
 /// The thinned and filtered cloud, and what is known of its neighbourhoods.
@@ -131,6 +133,31 @@ impl ScaleSearch<'_> {
         Ok(best)
     }
 
+    /// Puts the seams that were asked for behind those that were found: the numbers of these stay as they are. Says of those that
+    /// are not there why.
+    pub(super) fn ask(&self, result: &mut ScaleResult) -> Vec<String> {
+        let kept_back = &self.config.kept_back;
+        let is_kept = |seam: &Seam| !kept_back.iter().any(|place| seam.is_at(place));
+        result.found.seams.retain(is_kept);
+        let mut unmet = Vec::new();
+        for places_mm in &self.config.asked {
+            let scan = RawScan { table_shown: result.model.table_shown, ..self.raw_scan() };
+            let (model, scene) = (result.model.surface(), result.model.scene().0);
+            let input = Input { scan, model, scene, cues: result.cues };
+            let mut answer = asked::find(&input, places_mm, &result.found.seams, &self.config.seam);
+            if let (Answer::Found(seam), Some(oriented)) = (&mut answer, &result.model.oriented) {
+                let mut one = Found { seams: vec![(**seam).clone()], ..Found::default() };
+                one.only_oriented(oriented, &result.model.surface());
+                match one.seams.pop() {
+                    Some(sided) => **seam = sided,
+                    None => answer = Answer::Nothing(one.reason),
+                }
+            }
+            unmet.extend(result.take(places_mm, answer));
+        }
+        unmet
+    }
+
     /// Seams in voxels of one size.
     fn at(
         &self,
@@ -162,7 +189,7 @@ impl ScaleSearch<'_> {
         if let Some(oriented) = &model.oriented {
             found.only_oriented(oriented, &model.surface());
         }
-        Ok(ScaleResult { scale: *scale, model, found })
+        Ok(ScaleResult { scale: *scale, model, found, cues })
     }
 
     /// The cloud thinned to voxels of one size, filtered, and indexed.
@@ -228,6 +255,31 @@ impl ScaleSearch<'_> {
 }
 
 impl ScaleResult {
+    /// Takes what became of a wish for a seam; the words if it is not met.
+    fn take(&mut self, places_mm: &[Point3<f64>], answer: Answer) -> Option<String> {
+        let place = |p: &Point3<f64>| format!("{:.0},{:.0},{:.0}", p.x, p.y, p.z);
+        let ends =
+            [places_mm.first(), places_mm.last()].map(|p| p.map(place).unwrap_or_default()).join(" and ");
+        match answer {
+            Answer::Found(seam) => {
+                let id = self.found.seams.iter().map(|seam| seam.id).max().unwrap_or(0) + 1;
+                let reason = format!("{}; asked for between {ends}", seam.reason);
+                self.found.seams.push(Seam { id, reason, ..*seam });
+                None
+            }
+            Answer::Known(id) => {
+                let words = format!(
+                    "the seam that was asked for between {ends} is seam {id}, which is there without asking"
+                );
+                self.found.warnings.push(words);
+                None
+            }
+            Answer::Nothing(why) => {
+                Some(format!("no seam is added between {ends}, where one was asked for: {why}"))
+            }
+        }
+    }
+
     /// Of all its seams, mm.
     fn length_mm(&self) -> f64 {
         self.found.seams.iter().map(Seam::length_mm).sum()

@@ -4,6 +4,7 @@
 //! right name ([`refusal`]). The effective job of a run is written next to its results and replays to the same path.
 //! How a weld is made is a [`layer`]: the whole job's, a seam's own on top of it, and a pass's on top of that.
 
+pub mod ask;
 pub mod calibration;
 pub mod exclude;
 pub mod layer;
@@ -28,6 +29,7 @@ use crate::robot::dialect::{Dialect, ProgramSetup};
 use crate::robot::feasibility::{self, FeasibilitySetup, PlacedArm};
 use crate::robot::tool::Tool;
 use crate::weld::recipe::Recipe;
+use ask::AskSettings;
 use calibration::CalibrationSettings;
 use exclude::ExcludeSettings;
 pub use layer::{
@@ -90,6 +92,9 @@ pub struct Job {
     /// Places that the robot's own tip touched.
     #[serde(rename = "touch", skip_serializing_if = "Vec::is_empty")]
     pub touches: Vec<TouchSettings>,
+    /// Seams that the search passed over.
+    #[serde(rename = "ask", skip_serializing_if = "Vec::is_empty")]
+    pub asks: Vec<AskSettings>,
     /// Which of the seams are welded.
     pub selection: Selection,
     /// In which order the seams are welded.
@@ -314,7 +319,8 @@ impl Job {
         let anchor = Some(self.scan.anchor());
         let calibration = self.scan.calibration.as_ref().map(CalibrationSettings::calibration);
         let exclusion = self.exclude.exclusion();
-        pipeline::Config { method, anchor, calibration, exclusion, ..pipeline::Config::default() }
+        let asked = self.asks.iter().map(AskSettings::places_mm).collect();
+        pipeline::Config { method, anchor, calibration, exclusion, asked, ..pipeline::Config::default() }
     }
 
     /// What the feasibility check needs; none if neither a robot nor a torch is given.

@@ -115,7 +115,7 @@ pub fn finds_the_same(a: &Job, b: &Job) -> bool {
             input, units, intrinsics, camera_mm, frame, method, ratio_threshold, scan, exclude, ..
         } = job.clone();
         let read = (input, units, intrinsics, camera_mm, frame);
-        (read, method, ratio_threshold, scan, exclude, job.touches.clone())
+        (read, method, ratio_threshold, scan, exclude, job.touches.clone(), job.asks.clone())
     };
     search(a) == search(b)
 }

@@ -82,6 +82,7 @@ impl From<CloudFrame> for PathFrame {
 pub fn of_plan(plan: &Plan, job: &Job) -> Vec<Finding> {
     let mut found = of_views(&plan.views, plan.hand_eye.as_ref());
     found.extend(of_seams(plan));
+    found.extend(plan.unmet.iter().map(|words| Finding::new(ReasonId::AskedNotThere, words.clone())));
     if plan.orientation_assumed {
         let words = "the cloud looks alike from over and from below, and is taken as seen from above (+z): see that the torch is on \
                      the side of the air, or give --camera x,y,z, views with poses, or a cloud with normals";

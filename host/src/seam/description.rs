@@ -111,6 +111,17 @@ pub(super) fn is_sure(scan: &RawScan, seam: &Seam) -> bool {
     seam.confidence >= least && seam.expected_error_deg <= MOST_ERROR_DEG
 }
 
+/// Least confidence of a seam that was asked for: the corners of a faint one are few, and a person saw it.
+const LEAST_CONFIDENCE_ASKED: f64 = 0.3;
+
+/// Whether a seam that a person asked for is sure enough to be offered: all but the number of its corners counts as it does
+/// for one that was found.
+pub(super) fn is_sure_if_asked(seam: &Seam) -> bool {
+    seam.length_mm() >= LEAST_LENGTH_MM
+        && seam.confidence >= LEAST_CONFIDENCE_ASKED
+        && seam.expected_error_deg <= MOST_ERROR_DEG
+}
+
 /// What is said of a seam that is not.
 pub(super) fn left_out(seam: &Seam) -> String {
     if seam.length_mm() < LEAST_LENGTH_MM {

@@ -36,7 +36,7 @@ pub struct SeamConfig {
 /// scans.
 const BLURRED_ERROR_VOXELS: f64 = 0.15;
 /// Largest expected error of the position of a step, voxels.
-const STEP_ERROR_VOXELS: f64 = 1.0;
+pub(super) const STEP_ERROR_VOXELS: f64 = 1.0;
 /// Ends of seams that are no farther apart meet in a junction, voxels.
 const JUNCTION_VOXELS: f64 = 6.0;
 /// Longest stretch without points in an arc that closes a loop, in the longest that is bridged elsewhere.
@@ -123,7 +123,7 @@ impl Corners {
     }
 }
 
-fn traced(input: &Input, corners: &[InsideCorner], config: &TraceConfig) -> Vec<Chain> {
+pub(super) fn traced(input: &Input, corners: &[InsideCorner], config: &TraceConfig) -> Vec<Chain> {
     let (model, voxel_mm) = (input.model.index, input.model.voxel_mm());
     let Traced { chains, short } = chain::trace(corners, model, voxel_mm, config);
     let chains = splice::joined(chains, model, voxel_mm);
@@ -155,7 +155,7 @@ fn refined_apart<'a>(
 }
 
 /// A chain refined; closed where its ends ask for it and raw points bear it out.
-fn refined(input: &Input, chain: &Chain, config: &SeamConfig) -> Option<Refined> {
+pub(super) fn refined(input: &Input, chain: &Chain, config: &SeamConfig) -> Option<Refined> {
     let v = input.model.voxel_mm();
     let refine = |chain: &Chain| rounds::refine(&input.scan, chain, v, &config.refine);
     let whole = loops::closed(chain, input.model.index, v, config.trace.step_voxels * v)
@@ -177,7 +177,7 @@ fn refined(input: &Input, chain: &Chain, config: &SeamConfig) -> Option<Refined>
 }
 
 /// A refined chain of inside corners, its joint told apart and measured.
-fn corner_seam(input: &Input, chain: &Chain, seam: &Refined, most_mm: f32) -> Seam {
+pub(super) fn corner_seam(input: &Input, chain: &Chain, seam: &Refined, most_mm: f32) -> Seam {
     let cross_section = joint::cross_section(seam, &input.model, most_mm);
     let (joint, reason) = joint::classify(&cross_section, seam.closed);
     let expected = expected::expect(seam, input.scan.merged, input.scan.registration);
@@ -211,7 +211,7 @@ fn step_seams(input: &Input, table: Option<&Support>, config: &SeamConfig) -> Ve
 }
 
 /// A refined chain at the foot of a step.
-fn step_seam(input: &Input, chain: &Chain, seam: &Refined) -> Seam {
+pub(super) fn step_seam(input: &Input, chain: &Chain, seam: &Refined) -> Seam {
     let height_mm = seam.reach_mm[1];
     let expected = expected::expect(seam, input.scan.merged, input.scan.registration);
     let identity = Identity {

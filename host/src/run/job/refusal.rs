@@ -74,6 +74,10 @@ pub(super) fn check(job: &Job, text: &str, path: &Path) -> Result<(), Error> {
             hint,
         );
     }
+    if !job.asks.is_empty() && job.method == MethodName::Paper {
+        let why = "the paper's method fits no faces, and can look for no seam that is asked for";
+        return refuse(line_of_key(text, "[[ask]]"), why, "leave method = \"paper\" out, or [[ask]]");
+    }
     let welds = std::iter::once(job.weld()).chain(job.seams.iter().map(layer::SeamSettings::weld));
     if let Some([a, b]) = welds.flat_map(|weld| exclusive(&weld)).next() {
         let why = format!("{a} and {b} exclude each other");

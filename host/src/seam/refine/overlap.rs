@@ -18,19 +18,8 @@ pub fn apart<T>(mut seams: Vec<(T, Refined)>, voxel_mm: f32, shortest_mm: f32) -
     seams.sort_by(|a, b| length(&b.1).total_cmp(&length(&a.1)));
     let mut kept: Vec<(T, Refined)> = Vec::new();
     for (chain, mut seam) in seams {
-        let free: Vec<bool> = {
-            let taken: Vec<Frame> = kept.iter().flat_map(|(_, s)| s.frames.iter().copied()).collect();
-            let places: Vec<_> = taken.iter().map(|f| f.position).collect();
-            let grid = Grid::new(&places, NEAR_VOXELS * voxel_mm);
-            let is_free = |f: &Frame| {
-                let mut same = false;
-                grid.within(&f.position, NEAR_VOXELS * voxel_mm, |slot, _| {
-                    same |= is_same(f, &taken[grid.index(slot)]);
-                });
-                !same
-            };
-            seam.frames.iter().map(is_free).collect()
-        };
+        let taken: Vec<Frame> = kept.iter().flat_map(|(_, s)| s.frames.iter().copied()).collect();
+        let free = free(&seam.frames, &taken, voxel_mm);
         if free.iter().any(|f| !f) {
             let Some(range) = longest_run(&free, 0) else { continue };
             seam.keep(range.0..range.1);
@@ -41,6 +30,20 @@ pub fn apart<T>(mut seams: Vec<(T, Refined)>, voxel_mm: f32, shortest_mm: f32) -
         kept.push((chain, seam));
     }
     kept
+}
+
+/// Which stations are at none of the places that are taken.
+pub fn free(frames: &[Frame], taken: &[Frame], voxel_mm: f32) -> Vec<bool> {
+    let places: Vec<_> = taken.iter().map(|f| f.position).collect();
+    let grid = Grid::new(&places, NEAR_VOXELS * voxel_mm);
+    let is_free = |f: &Frame| {
+        let mut same = false;
+        grid.within(&f.position, NEAR_VOXELS * voxel_mm, |slot, _| {
+            same |= is_same(f, &taken[grid.index(slot)]);
+        });
+        !same
+    };
+    frames.iter().map(is_free).collect()
 }
 
 fn is_same(a: &Frame, b: &Frame) -> bool {

@@ -84,12 +84,16 @@ struct Face {
 
 /// The candidates that pass the gate, moved onto the line in which their faces meet.
 pub fn corners(model: &SurfaceModel, scores: &Scores, config: &CornerConfig) -> Vec<InsideCorner> {
+    corners_at(model, &scores.candidates(), config)
+}
+
+/// The same of these points of the model.
+pub fn corners_at(model: &SurfaceModel, candidates: &[usize], config: &CornerConfig) -> Vec<InsideCorner> {
     let radius_mm = config.radius_voxels * model.voxel_mm();
     let cloud = &model.voxels.cloud;
     let grid = Grid::new(&cloud.points_mm, CELL_RADII * radius_mm);
     let normals = grid.by_slot(&cloud.normals);
-    scores
-        .candidates()
+    candidates
         .par_iter()
         .map_init(Vec::new, |near, &k| {
             let at = cloud.points_mm[k];
