@@ -288,3 +288,52 @@ fn every_control_has_a_name_every_key_of_the_job_a_field_and_no_text_becomes_mar
     assert!(command.contains("<img src=x onerror=alert(1)>&amp;"), "{command}");
     assert!(page.browser.console().is_empty(), "{:?}", page.browser.console());
 }
+
+#[test]
+fn a_seam_is_asked_for_by_clicks_and_the_page_says_what_is_there() {
+    let Some(chromium) = browser::chromium() else { return };
+    let mut page = Page::open(&chromium, "scan");
+    let seams = page.order().len();
+    page.browser.evaluate("document.getElementById('canvas').scrollIntoView({ block: 'center' })");
+    // Two places along the first seam, which is there already.
+    let places = page.browser.evaluate(
+        "(() => {
+           const { scene, content } = weldpath;
+           const Vector = scene.camera.position.constructor;
+           scene.look('top');
+           scene.camera.updateMatrixWorld();
+           const box = document.getElementById('canvas').getBoundingClientRect();
+           const line = content.seams[0].line_mm;
+           return [line[Math.floor(line.length / 5)], line[Math.floor(line.length * 4 / 5)]].flatMap((p) => {
+             const q = scene.project(new Vector(...p));
+             return [box.left + q.x, box.top + q.y];
+           });
+         })()",
+    );
+    page.browser.press("a", false);
+    page.settle("document.getElementById('ask').getAttribute('aria-pressed') === 'true'");
+    for k in 0..2 {
+        page.browser.click(places[2 * k].as_f64().unwrap(), places[2 * k + 1].as_f64().unwrap());
+        page.settle(&format!("document.querySelectorAll('.mark-place').length === {}", k + 1));
+    }
+    page.picture("asking");
+    page.browser.press("Enter", false);
+    page.settle("document.getElementById('undo').title.includes('add a seam')");
+    page.browser.press("p", false);
+    page.wait_for_plan();
+    assert_eq!(page.order().len(), seams, "the seam is there anyway");
+    assert!(page.text("#warnings").contains("is there without asking"), "{}", page.text("#warnings"));
+    // It is listed, taken back, and back again.
+    page.browser.press("j", false);
+    page.settle("document.querySelector('[data-unask=\"0\"]')");
+    page.browser.evaluate("document.querySelector('[data-unask=\"0\"]').click()");
+    page.settle("!document.querySelector('[data-unask]')");
+    page.browser.press("z", true);
+    page.settle("document.querySelector('[data-unask=\"0\"]')");
+    // What is under the cross is taken by the space bar; Escape gives up.
+    page.browser.press("a", false);
+    page.browser.press(" ", false);
+    page.settle("document.querySelectorAll('.mark-place').length === 1");
+    page.browser.press("Escape", false);
+    page.settle("document.querySelectorAll('.mark-place').length === 0");
+}

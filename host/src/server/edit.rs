@@ -10,6 +10,7 @@ use serde_json::Value;
 
 use crate::output::verdict::ReasonId;
 use crate::pipeline::Plan;
+use crate::run::job::ask::AskSettings;
 use crate::run::job::quantity::{Place, WithinMm};
 use crate::run::job::{Job, SeamSettings, Selection, Sequence};
 use crate::run::{postprocessing, selection};
@@ -36,6 +37,10 @@ pub(super) enum Edit {
     Weld { seam: usize, on: bool },
     /// In which order the seams are welded, by their ids.
     Order { seams: Vec<usize> },
+    /// A seam that the search passed over is asked for; it is looked for with the next plan.
+    Ask(AskSettings),
+    /// One of the asked seams is asked for no longer, by its place in the job's list.
+    Unask { at: usize },
     /// Whether a reason of the verdict is confirmed.
     Accept { reason: ReasonId, on: bool },
 }
@@ -49,16 +54,39 @@ impl Edit {
             Self::Weld { seam, on: true } => format!("weld seam {seam}"),
             Self::Weld { seam, on: false } => format!("leave out seam {seam}"),
             Self::Order { .. } => "order of the seams".into(),
+            Self::Ask(_) => "add a seam".into(),
+            Self::Unask { at } => format!("no longer ask for seam {} of those that were added", at + 1),
             Self::Accept { reason, on: true } => format!("accept {}", reason.name()),
             Self::Accept { reason, on: false } => format!("no longer accept {}", reason.name()),
         }
     }
 
-    /// The job with this edit.
+    /// The job with this edit; where no seam was found there is no plan, and one may still be asked for.
     ///
     /// # Errors
     /// In words, if it makes no job that could be planned.
-    pub(super) fn on(&self, job: &Job, plan: &Plan) -> Result<Job, String> {
+    pub(super) fn on(&self, job: &Job, plan: Option<&Plan>) -> Result<Job, String> {
+        match (self, plan) {
+            (Self::Ask(_) | Self::Unask { .. }, _) => self.on_search(job),
+            (_, Some(plan)) => self.on_seams(job, plan),
+            (_, None) => Err("nothing is planned yet that could be edited".into()),
+        }
+    }
+
+    /// What decides which seams there are.
+    fn on_search(&self, job: &Job) -> Result<Job, String> {
+        let mut edited = job.clone();
+        match self {
+            Self::Ask(ask) => edited.asks.push(ask.clone()),
+            Self::Unask { at } if *at < edited.asks.len() => drop(edited.asks.remove(*at)),
+            _ => return Err("that seam is not asked for".into()),
+        }
+        edited.check().map_err(|error| error.why())?;
+        Ok(edited)
+    }
+
+    /// What is made of the seams that there are.
+    fn on_seams(&self, job: &Job, plan: &Plan) -> Result<Job, String> {
         let mut edited = job.clone();
         match self {
             Self::Set { seam: None, key, value } => {
@@ -75,6 +103,7 @@ impl Edit {
                 edited.accept.extend(on.then_some(*reason));
                 edited.accept.sort_unstable();
             }
+            Self::Ask(_) | Self::Unask { .. } => return self.on_search(job),
         }
         if edited.order.sequence != Sequence::Listed {
             edited.seams.retain(says_something);

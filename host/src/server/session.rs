@@ -174,8 +174,8 @@ impl Session {
     /// One click. What is planned meanwhile goes on: it is the plan of the job before.
     pub(super) fn edit(&self, edit: &Edit) -> Result<(), String> {
         self.change(|desk| {
-            let found = desk.found.clone().ok_or("nothing is planned yet that could be edited")?;
-            let edited = edit.on(&desk.job, &found.plan)?;
+            let found = desk.found.clone();
+            let edited = edit.on(&desk.job, found.as_ref().map(|found| &found.plan))?;
             if edited != desk.job {
                 let job = std::mem::replace(&mut desk.job, edited);
                 desk.undo.push(Step { job, words: edit.words() });

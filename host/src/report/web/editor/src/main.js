@@ -6,6 +6,7 @@ import { WORDS } from "./words.js";
 import { act, edit, follow, onState, schema as ofJob } from "./server.js";
 import { parts } from "./panel.js";
 import { Ends } from "./ends.js";
+import { Asking } from "./ask.js";
 
 const own = { plan: Number($("editor").dataset.plan), schema: null, state: null, scope: "seam", parts: [], built: null };
 const page = globalThis.weldpath;
@@ -29,9 +30,16 @@ function toolbar() {
     button("redo", WORDS.redo, WORDS.redoHint(null), () => act("redo")),
     button("plan", WORDS.plan, WORDS.planHint, plan),
     button("cancel", WORDS.cancel, WORDS.cancelHint, () => act("cancel")),
-    button("copy", WORDS.copy, WORDS.copyHint, copy));
+    button("copy", WORDS.copy, WORDS.copyHint, copy),
+    asking && button("ask", WORDS.ask, WORDS.askHint, askOrNot));
   strip.append(tools, bar, said, failed);
   document.querySelector("header.bar").after(strip);
+}
+
+function askOrNot() {
+  if (!asking) return;
+  if (asking.on) asking.key("Escape");
+  else asking.begin();
 }
 
 async function plan() {
@@ -192,9 +200,17 @@ function render(state) {
 
 function keyboard() {
   const acts = {
-    p: plan, x: () => weld(chosen(), !seamState(chosen())?.on), r: () => reverse(chosen()), "[": () => move(chosen(), -1), "]": () => move(chosen(), 1),
+    a: askOrNot, p: plan, x: () => weld(chosen(), !seamState(chosen())?.on), r: () => reverse(chosen()), "[": () => move(chosen(), -1), "]": () => move(chosen(), 1),
     j: () => scope(own.scope === "job" ? "seam" : "job"), c: copy, Escape: () => own.state.running && act("cancel"),
   };
+  // Before the report takes the space bar for its player. A button in focus keeps Enter and space for itself.
+  document.addEventListener("keydown", (event) => {
+    const itsOwn = event.target.closest?.("button, summary, a, select, input");
+    if (itsOwn && event.key !== "Escape") return;
+    if (event.ctrlKey || event.metaKey || event.altKey || !asking?.key(event.key)) return;
+    event.preventDefault();
+    event.stopImmediatePropagation();
+  }, { capture: true });
   document.addEventListener("keydown", (event) => {
     if (typing(event.target) || !own.state || event.altKey) return;
     const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
@@ -231,6 +247,8 @@ function restore() {
 
 if (!page) document.documentElement.dataset.theme = matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
 const seamLine = (id) => page.content.seams.find((seam) => seam.id === id);
+const asking = page?.scene ? new Asking(page.scene, new page.scene.camera.position.constructor(...page.content.centre_mm),
+  (between_mm) => edit({ edit: "ask", between_mm }), (words) => tell(words)) : null;
 const ends = page?.scene && seamIds.length ? new Ends(page.scene, (seam, key, mm) => change({ edit: "set", seam, key: `path.${key}`, value: mm })) : null;
 
 toolbar();
@@ -248,7 +266,7 @@ onState((state) => {
     location.reload();
     return;
   }
-  if (own.state && state.revision !== own.state.revision && state.running) note = "";
+  if (own.state && state.revision !== own.state.revision && state.running && !asking?.on) note = "";
   own.state = state;
   render(state);
 });

@@ -136,6 +136,20 @@ function tool(schema, open) {
   return box;
 }
 
+// Seams that were asked for, each with a button that takes it back.
+function asked(open) {
+  const list = el("div", {});
+  const box = group("asked", open, [list]);
+  const ends = (places) => WORDS.askedBetween(places[0].join(", "), places[places.length - 1].join(", "));
+  box.update = ({ job }) => {
+    const asks = job.ask ?? [];
+    list.replaceChildren(...asks.map(({ between_mm }, at) => el("div", { class: "asked" }, el("span", {}, ends(between_mm)),
+      el("button", { type: "button", "data-unask": at, "aria-label": WORDS.unask(ends(between_mm)), onclick: () => edit({ edit: "unask", at }) }, "×"))));
+    if (!asks.length) list.replaceChildren(el("p", { class: "soft" }, WORDS.noneAsked));
+  };
+  return box;
+}
+
 function command() {
   const text = el("pre", { tabindex: "0", "aria-label": WORDS.command });
   const box = el("details", { class: "group", id: "command" }, el("summary", {}, WORDS.command), text);
@@ -149,5 +163,5 @@ export function parts(schema, state, id, open) {
   layers.push(passes(schema, id, open.includes("passes")));
   if (id !== null) return layers;
   const of = (table) => settings(schema, table, null, open.includes(table));
-  return [formats(schema), robot(state), of("order"), ...layers, tool(schema, open.includes("tool")), of("arc"), of("program"), of("torch_body"), command()];
+  return [formats(schema), robot(state), asked(open.includes("asked")), of("order"), ...layers, tool(schema, open.includes("tool")), of("arc"), of("program"), of("torch_body"), command()];
 }

@@ -14,6 +14,15 @@ export const WORDS = {
   copyHint: "Copy a command that plans this job (C)",
   copied: "The command is in the clipboard.",
   notCopied: "The browser does not let the page write to the clipboard: the command stands below, under the whole job.",
+  ask: "Add a seam",
+  askHint: "Click places along a seam that was missed (A)",
+  asking: (count) => `Add a seam: ${count < 2 ? `click ${count ? "another place" : "a place"} within 10 mm of it, or turn it under the cross and press the space bar` : `${count} places; Enter asks for it, more places follow a curve, a loop comes back to its first`}; Backspace takes the last one back, Escape gives up.`,
+  asked: "Asked for: the next plan looks for it there (P).",
+  noPoint: "No point of the scan is there: click on the cloud.",
+  placeOf: (k) => `place ${k} of the seam that is asked for`,
+  askedBetween: (first, last) => `between ${first} and ${last}`,
+  unask: (what) => `No longer ask for the seam ${what}`,
+  noneAsked: "None: every seam is one that the search found.",
   planned: (out) => `Planned: the files are in ${out}.`,
   unplanned: "Edited since the last plan: the picture and the files are those before.",
   nothing: "Nothing is planned yet.",
@@ -60,10 +69,11 @@ export const WORDS = {
   setTool: "Set the tool",
   removeTool: "Take the tool away: the controller's own holds",
   command: "As a command",
-  keys: "Editing: P plan, Escape cancel, Ctrl+Z undo, Ctrl+Y redo, X weld or leave out, R reverse, [ earlier, ] later, J seam or whole job, C copy as command.",
+  keys: "Editing: A add a seam, P plan, Escape cancel, Ctrl+Z undo, Ctrl+Y redo, X weld or leave out, R reverse, [ earlier, ] later, J seam or whole job, C copy as command.",
 };
 
 export const GROUPS = {
+  asked: "Seams that were asked for",
   order: "Order of the seams", path: "Path", torch: "Torch angles", weave: "Weave", stitch: "Stitches and tacks", arc: "Arc and gas",
   program: "Names in the program", torch_body: "Sizes of the torch, for collisions",
 };
