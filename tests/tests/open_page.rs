@@ -303,9 +303,13 @@ fn a_seam_is_asked_for_by_clicks_and_the_page_says_what_is_there() {
            scene.look('top');
            scene.camera.updateMatrixWorld();
            const box = document.getElementById('canvas').getBoundingClientRect();
-           const line = content.seams[0].line_mm;
+           const seam = content.seams[0];
+           const line = seam.line_mm;
+           // On the plate beside it, where a person clicks: along the torch by so much.
+           const middle = new Vector(...line[line.length >> 1]);
+           const off = scene.anchor({ ...content.summary.seams[0], ...seam }).sub(middle).setLength(7);
            return [line[Math.floor(line.length / 5)], line[Math.floor(line.length * 4 / 5)]].flatMap((p) => {
-             const q = scene.project(new Vector(...p));
+             const q = scene.project(new Vector(...p).add(off));
              return [box.left + q.x, box.top + q.y];
            });
          })()",

@@ -4,8 +4,9 @@
 import { $, el } from "../../src/dom.js";
 import { WORDS } from "./words.js";
 
-// A click takes the foremost point of the cloud within this, px; points nearer to each other than this count as one surface, mm.
-const CLICK_PX = 12;
+// A click takes the foremost point of the cloud within the first of these that holds any, px: an edge that stands before the
+// place is not what is meant. Points nearer to each other than this count as one surface, mm.
+const CLICK_PX = [4, 12];
 const SURFACE_MM = 3;
 // A press that moved farther turned the picture, px.
 const STILL_PX = 4;
@@ -25,11 +26,12 @@ export function cloudAt(scene, x, y) {
     p.set(steps.getX(k), steps.getY(k), steps.getZ(k)).multiplyScalar(span.value).add(low.value);
     q.copy(p).project(camera);
     const px = Math.hypot((0.5 + 0.5 * q.x) * width - x, (0.5 - 0.5 * q.y) * height - y);
-    if (q.z < 1 && px < CLICK_PX) within.push({ px, away: p.distanceTo(eye), at: p.clone() });
+    if (q.z < 1 && px < CLICK_PX.at(-1)) within.push({ px, away: p.distanceTo(eye), at: p.clone() });
   }
   if (!within.length) return null;
-  const front = Math.min(...within.map((one) => one.away));
-  const seen = within.filter((one) => one.away < front + SURFACE_MM);
+  const near = CLICK_PX.map((most) => within.filter((one) => one.px < most)).find((some) => some.length);
+  const front = Math.min(...near.map((one) => one.away));
+  const seen = near.filter((one) => one.away < front + SURFACE_MM);
   return seen.reduce((best, one) => (one.px < best.px ? one : best)).at;
 }
 
