@@ -242,7 +242,6 @@ pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Re
     let paths = clock.stage("toolpath", observer, along);
     let gaps = || coverage::gaps(&found.seams, merged, raw, search.cameras_known());
     let coverage = clock.time("coverage", gaps);
-    let orientation_assumed = found.orientation_assumed;
     let tacks = ground.map_or_else(Vec::new, |ground| ground.on(&found.seams));
     warnings.extend(found.warnings);
     warnings.extend(tacks::words(&tacks));
@@ -264,7 +263,7 @@ pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Re
         touch: None,
         derived,
         stage_s,
-        orientation_assumed,
+        orientation_assumed: found.orientation_assumed,
         unmet,
         warnings,
     })
