@@ -91,7 +91,7 @@ impl AskedLine {
         let s_mm: Vec<f32> = stations.iter().map(|p| self.foot(p).s_mm).collect();
         let goes_on_before = s_mm.iter().any(|s| *s < -REACH_MM);
         let goes_on_behind = s_mm.iter().any(|s| *s > length_mm + REACH_MM);
-        let meant = |s: f32| !(goes_on_before && s < 0.0) && !(goes_on_behind && s > length_mm);
+        let meant = |s: f32| !(goes_on_before && s < 0.0 || goes_on_behind && s > length_mm);
         s_mm.into_iter().map(|s| self.is_loop || meant(s)).collect()
     }
 }
