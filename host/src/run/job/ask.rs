@@ -76,7 +76,7 @@ mod tests {
         for (text, why) in [
             ("1,2,3", "two places or more"),
             ("1,2,3;1,2,3", "all places are the same"),
-            ("1,2;3,4,5", "2 values"),
+            ("1,2;3,4,5", "2 numbers"),
             ("1,2,x;3,4,5", "x"),
         ] {
             let error = text.parse::<AskSettings>().unwrap_err();
