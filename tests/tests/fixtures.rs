@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use weldpath::lab::evaluation::Truth;
-use weldpath::lab::simulation::{Request, simulate, write};
+use weldpath::lab::simulation::{CellErrors, Request, simulate, write};
 
 fn fixtures() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../fixtures")
@@ -28,10 +28,18 @@ fn request(arguments: &str) -> (String, Request) {
             "--seed" => request.seed = value.parse().expect("a seed"),
             "--views" => request.views = Some(value.parse().expect("a count")),
             "--length-mm" => request.length_mm = Some(value.parse().expect("a length")),
+            "--robot-mm" => cell(&mut request).robot_mm = value.parse().expect("a length"),
+            "--robot-deg" => cell(&mut request).robot_deg = value.parse().expect("an angle"),
+            "--hand-eye-mm" => cell(&mut request).hand_eye_mm = value.parse().expect("a length"),
+            "--hand-eye-deg" => cell(&mut request).hand_eye_deg = value.parse().expect("an angle"),
             _ => panic!("README uses {name}, which this test does not know"),
         }
     }
     (folder, request)
+}
+
+fn cell(request: &mut Request) -> &mut CellErrors {
+    request.cell.get_or_insert_with(CellErrors::default)
 }
 
 /// Name and bytes of every file in a folder.

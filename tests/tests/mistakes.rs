@@ -10,17 +10,17 @@ use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaterni
 use serde_json::{Value, json};
 use weldpath::input;
 use weldpath::lab::evaluation::{Options, PathSet, Score, Truth, score};
-use weldpath::output::summary::Source;
 use weldpath::output::verdict::{ReasonId, State, Verdict};
-use weldpath::pipeline;
 use weldpath::run::job::Job;
+use weldpath::run::planning;
 use weldpath::run::postprocessing::postprocess;
-use weldpath::run::verdict;
 use weldpath_tests::adversary::Random;
 
 const PIECES: &[&str] = &["fillet", "lap", "pipe", "butt-v"];
 /// Those of them that are tried whenever the tests run: two minutes of a processor go into all four.
 const ALWAYS: &[&str] = &["lap", "butt-v"];
+/// No false seam is as sure as this.
+const SURE: f64 = 0.9;
 const TROUBLESHOOTING: &str = include_str!("../../docs/troubleshooting.md");
 
 /// What is done to a scan.
@@ -198,6 +198,8 @@ struct Outcome {
     verdict: Result<Verdict, String>,
     score: Option<Score>,
     left_out: Vec<usize>,
+    /// Of the seam that is surest.
+    confidence: f64,
 }
 
 impl Outcome {
@@ -222,7 +224,7 @@ fn planned(manifest: Manifest, piece: &str, mistake: Mistake) -> Outcome {
     let folder = tempfile::tempdir().unwrap();
     manifest.write(mistake, &images(piece), folder.path());
     let options = input::Options { allow_outside: true, ..Default::default() };
-    let failed = |why: String| Outcome { verdict: Err(why), score: None, left_out: vec![] };
+    let failed = |why: String| Outcome { verdict: Err(why), score: None, left_out: vec![], confidence: 0.0 };
     let mut scan = match input::read(folder.path(), &options) {
         Ok(scan) => scan,
         Err(error) => return failed(error.to_string()),
@@ -234,12 +236,11 @@ fn planned(manifest: Manifest, piece: &str, mistake: Mistake) -> Outcome {
     let anchor = if mistake == Mistake::Loose { "" } else { "[scan]\nanchor = \"first\"\n" };
     let text = format!("accept = [\"tool-not-stated\", \"torch-collision\"]\n{anchor}{stand_off}");
     let job = Job::parse(&text, Path::new("job.toml")).unwrap();
-    let plan = match pipeline::plan(&scan.views, &job.pipeline(), &mut ()) {
+    let plan = match planning::plan(&scan, &job, &mut ()) {
         Ok(plan) => plan,
         Err(error) => return failed(error.to_string()),
     };
-    let source = Source { findings: verdict::of_scan(&scan, &job), ..Default::default() };
-    let output = postprocess(&plan, &job, source).unwrap();
+    let output = postprocess(&plan, &job, planning::source(&scan, &job)).unwrap();
     let csv = output.files.iter().find(|file| file.name == "path.csv").unwrap();
     let programs =
         output.files.iter().filter(|file| ["path.json", "path.script"].contains(&&*file.name)).count();
@@ -252,6 +253,7 @@ fn planned(manifest: Manifest, piece: &str, mistake: Mistake) -> Outcome {
         verdict: Ok(verdict),
         score: paths.map(|paths| score(&paths, &truth, &Options::default())),
         left_out,
+        confidence: plan.seams.iter().map(|seam| seam.confidence).fold(0.0, f64::max),
     }
 }
 
@@ -269,6 +271,10 @@ fn tried(row: &(&str, Mistake, &[State]), piece: &str, seed: u64) -> (String, Ve
     }
     if state != State::Refused && false_share > 0.02 {
         faults.push(format!("{:.0} % of the path is false, and a program is written", 100.0 * false_share));
+    }
+    // A stand-off puts the tip elsewhere, not the seam.
+    if mistake != Mistake::StandOff && false_share > 0.5 && outcome.confidence >= SURE {
+        faults.push(format!("a false seam of confidence {:.2}", outcome.confidence));
     }
     if let Some(k) = wrong {
         let named =

@@ -23,9 +23,13 @@ fn the_first_command_plans_and_the_second_runs_all_tests() {
 #[test]
 fn every_command_of_the_readme_ends_well() {
     let readme = std::fs::read_to_string(root().join("README.md")).unwrap();
-    for command in commands_of(&readme).into_iter().filter(|&command| command != WHOLE_SUITE) {
+    let commands = commands_of(&readme);
+    for &command in commands.iter().filter(|&&command| command != WHOLE_SUITE) {
         let said = ends_well(Command::new("sh").args(["-c", command]).current_dir(root()));
         assert!(!said.is_empty(), "`{command}` says nothing");
+        if command == commands[0] {
+            assert!(said.contains("verdict: ready\n"), "what a newcomer sees first is not ready: {said}");
+        }
     }
 }
 

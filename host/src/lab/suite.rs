@@ -11,15 +11,14 @@ pub use pieces::{Piece, PieceKind, pieces};
 pub use reliability::{Reliability, StatedSeam, reliability};
 
 use crate::geometry::grid::Grid;
-use crate::input::{self, CloudFrame};
+use crate::input;
 use crate::lab::evaluation::{PathSet, Target, Truth};
-use crate::output::summary::Source;
 use crate::output::verdict::{ReasonId, State};
-use crate::pipeline::{self, Plan};
+use crate::pipeline::Plan;
 use crate::run::job::Job;
 use crate::run::job::scan::AnchorName;
+use crate::run::planning;
 use crate::run::postprocessing::postprocess;
-use crate::run::verdict;
 use crate::seam::Seam;
 use nalgebra::{Point3, Vector3};
 use serde::Serialize;
@@ -116,14 +115,9 @@ fn planned(input: &Path, anchor: AnchorName) -> Result<Planned, String> {
     let scan = input::read(input, &input::Options::default()).map_err(|error| error.to_string())?;
     let mut job = Job { accept: vec![ReasonId::ToolNotStated], ..Job::default() };
     job.scan.anchor = anchor;
-    let mut config = job.pipeline();
-    if scan.frame != CloudFrame::Base {
-        config.anchor = None;
-    }
-    let plan = pipeline::plan(&scan.views, &config, &mut ()).map_err(|error| error.to_string())?;
-    let source =
-        Source { frame: scan.frame.into(), findings: verdict::of_scan(&scan, &job), ..Source::default() };
-    let output = postprocess(&plan, &job, source).map_err(|error| error.to_string())?;
+    let plan = planning::plan(&scan, &job, &mut ()).map_err(|error| error.to_string())?;
+    let output =
+        postprocess(&plan, &job, planning::source(&scan, &job)).map_err(|error| error.to_string())?;
     let csv = output.files.iter().find(|file| file.name == "path.csv").ok_or("no path.csv")?;
     let paths = PathSet::parse(&csv.bytes, Path::new("path.csv")).map_err(|error| error.to_string())?;
     Ok(Planned { plan, paths, verdict: output.summary.verdict().state })

@@ -68,6 +68,7 @@ pub fn plan(scan: &Scan, job: &Job, observer: &mut impl Observer) -> Result<Plan
         plan = touched(&plan, scan, job, &config, observer)?;
     }
     plan.warnings.splice(0..0, scan.warnings.iter().cloned().chain(unused));
+    verdict::lower_confidence(&mut plan, scan, job);
     Ok(plan)
 }
 

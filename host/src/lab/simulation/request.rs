@@ -74,7 +74,7 @@ pub enum Format {
 }
 
 /// How a cell errs: the camera is not where the hand-eye transform says, and no pose of the robot is exact.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct CellErrors {
     /// Length of the camera's shift on the flange, mm; its direction follows from the seed.
     pub hand_eye_mm: f64,
