@@ -59,6 +59,8 @@ pub struct Options {
     pub units: Units,
     /// Of depth images that come without: one alone, or a folder with a trajectory only.
     pub intrinsics: Option<Intrinsics>,
+    /// Of the same images, metres per count.
+    pub depth_scale_m: Option<f64>,
     /// Where the camera stood that took a cloud which does not tell, mm, in the cloud's own frame.
     pub camera_mm: Option<CameraPosition>,
     /// Whose frame the coordinates of a cloud are in that does not tell.

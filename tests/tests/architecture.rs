@@ -543,7 +543,7 @@ fn functions_are_read_with_their_lines_and_parameters() {
 }
 
 #[test]
-fn no_function_of_the_method_is_long_or_asks_for_much() {
+fn no_function_is_long_and_none_of_the_method_asks_for_much() {
     const MOST_LINES: usize = 60;
     const MOST_PARAMETERS: usize = 6;
     let src = root().join("host/src");
@@ -552,12 +552,15 @@ fn no_function_of_the_method_is_long_or_asks_for_much() {
         path.strip_prefix(&src).is_ok_and(|path| rooms.iter().any(|room| in_room(path, room)))
     };
     let mut read = 0;
-    for path in sources("host/src").iter().filter(|path| of_method(path)) {
-        for function in functions(&code(path)) {
-            let fits = function.lines <= MOST_LINES && function.parameters <= MOST_PARAMETERS;
+    // This file holds code as text.
+    let files = ["host/src", "core/src", "tests"].iter().flat_map(|folder| sources(folder));
+    for path in files.filter(|path| !path.ends_with("architecture.rs")) {
+        for function in functions(&code(&path)) {
+            let fits =
+                function.lines <= MOST_LINES && (function.parameters <= MOST_PARAMETERS || !of_method(&path));
             assert!(fits, "{}: {function:?}", path.display());
             read += 1;
         }
     }
-    assert!(read > 300, "only {read} functions were read");
+    assert!(read > 3000, "only {read} functions were read");
 }

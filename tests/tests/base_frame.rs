@@ -198,8 +198,11 @@ fn scans_whose_first_pose_is_exact_stay_where_they_are_and_first_says_so() {
         let ([real, stated], [anchored, told]) = (errors(&cell, &truth), errors(&first, &truth));
         assert!((real - anchored).abs() < 1e-9, "{piece}: {real} and {anchored} mm");
         assert!(!cell.base_frame.unwrap().hand_eye.is_applied, "{piece}");
-        // The others are off by 1 to 3 mm: who does not know that the first is exact has to expect the same of it.
-        assert!(stated > 0.5 && told < 0.3, "{piece}: {stated} and {told} mm");
+        // The others are off by 1 to 3 mm: who does not know that the first is exact has to expect the same of it. Who does
+        // knows all but the camera, whose depth scale shows in no scan: 0.2 % of 400 mm and less.
+        assert!(stated > 0.5 && told < 1.0 && told < stated, "{piece}: {stated} and {told} mm");
+        let within = first.seams.iter().map(|seam| seam.relative_error_mm).fold(0.0, f64::max);
+        assert!(within < 0.3, "{piece}: {within} mm");
     }
 }
 

@@ -144,48 +144,15 @@ fn seams_are_left_out_reversed_put_in_order_and_woven_by_mouse_and_keys() {
     let [left_out, reversed, early] = [first[0], first[1], first[3]];
     let before = ends(&page.home.path().join("out"), reversed);
 
-    // One seam by its box in the list, the others by keys.
-    page.browser
-        .evaluate(&format!("document.querySelector('#seams tr[data-seam=\"{left_out}\"] input').click()"));
-    page.settle(&format!("!document.querySelector('#seams tr[data-seam=\"{left_out}\"] input').checked && !document.getElementById('undo').disabled"));
-    assert!(page.text("#said").contains("Edited since the last plan"));
-    page.browser.evaluate(&format!("document.querySelector('#seams tr[data-seam=\"{early}\"]').click()"));
-    for _ in 0..2 {
-        let undo = page.browser.evaluate("document.getElementById('undo').title");
-        page.browser.press("[", false);
-        let place = format!("document.querySelector('#seams tr[data-seam=\"{early}\"] .place').textContent");
-        page.settle(&format!("document.getElementById('undo').title !== {undo} || {place} === '1'"));
-    }
-    page.settle(&format!(
-        "document.querySelector('#seams tr[data-seam=\"{early}\"] .place').textContent === '1'"
-    ));
-    page.browser.evaluate(&format!("document.querySelector('#seams tr[data-seam=\"{reversed}\"]').click()"));
-    page.browser.press("r", false);
-    page.settle("['reverse', 'forward'].includes(document.querySelector('#settings [data-key=\"path.direction\"]').value)");
-    page.set("weave.shape", "sine");
-    page.settle("document.querySelector('#settings [data-key=\"weave.shape\"]').closest('.field').classList.contains('said')");
-    page.set("weave.amplitude_mm", "99");
-    page.settle("!document.querySelector('#settings [data-group=\"weave\"] .refusal:not([hidden])').hidden");
-    let refusal = page.text("#settings [data-group='weave'] .refusal:not([hidden])");
-    assert!(refusal.contains("too much: at most 30 mm"), "{refusal}");
-    page.set("weave.amplitude_mm", "1.5");
-    page.settle("document.querySelector('#undo').title.includes('weave.amplitude_mm')");
+    choose(&mut page, left_out, reversed, early);
+    weave(&mut page);
     page.drag_the_end(reversed, 12.0);
     page.settle("document.querySelector('#undo').title.includes('path.extend_end_mm')");
     let extended =
         page.browser.evaluate("Number(document.querySelector('[data-key=\"path.extend_end_mm\"]').value)");
     let short_mm = -extended.as_f64().unwrap();
     assert!((short_mm - 12.0).abs() < 1.5, "dragged inwards by {short_mm} mm");
-    // A reason of the verdict is confirmed, taken back by a key, and confirmed again by another.
-    page.browser.evaluate("document.querySelector('#verdict [data-reason=\"tool-not-stated\"]').click()");
-    page.settle("document.querySelector('#undo').title.includes('accept tool-not-stated')");
-    page.browser.press("z", true);
-    page.settle("!document.querySelector('#verdict [data-reason=\"tool-not-stated\"]').checked");
-    page.browser.press("y", true);
-    page.settle("document.querySelector('#verdict [data-reason=\"tool-not-stated\"]').checked");
-    page.browser.press("j", false);
-    page.browser.evaluate("document.querySelector('#settings [data-key=\"formats.kuka\"]').click()");
-    page.settle("document.querySelector('#undo').title.includes('formats')");
+    confirm_and_export(&mut page);
 
     // A reload loses nothing, and the plan is that of the job.
     let job = page.browser.evaluate("document.querySelector('#command pre').textContent");
@@ -210,6 +177,64 @@ fn seams_are_left_out_reversed_put_in_order_and_woven_by_mouse_and_keys() {
     let beyond = page.browser.evaluate("document.documentElement.scrollWidth - innerWidth");
     assert!(beyond.as_f64().is_some_and(|px| px <= 0.0), "{beyond} px beyond the window");
 
+    the_command_writes_the_same(&page);
+    let said: Vec<_> = page
+        .browser
+        .console()
+        .into_iter()
+        .filter(|line| !line.to_string().contains("400 (Bad Request)"))
+        .collect();
+    assert!(said.is_empty(), "{said:?}");
+}
+
+/// One seam out by its box in the list; others first and turned round by keys.
+fn choose(page: &mut Page, left_out: u64, reversed: u64, early: u64) {
+    page.browser
+        .evaluate(&format!("document.querySelector('#seams tr[data-seam=\"{left_out}\"] input').click()"));
+    page.settle(&format!("!document.querySelector('#seams tr[data-seam=\"{left_out}\"] input').checked && !document.getElementById('undo').disabled"));
+    assert!(page.text("#said").contains("Edited since the last plan"));
+    page.browser.evaluate(&format!("document.querySelector('#seams tr[data-seam=\"{early}\"]').click()"));
+    for _ in 0..2 {
+        let undo = page.browser.evaluate("document.getElementById('undo').title");
+        page.browser.press("[", false);
+        let place = format!("document.querySelector('#seams tr[data-seam=\"{early}\"] .place').textContent");
+        page.settle(&format!("document.getElementById('undo').title !== {undo} || {place} === '1'"));
+    }
+    page.settle(&format!(
+        "document.querySelector('#seams tr[data-seam=\"{early}\"] .place').textContent === '1'"
+    ));
+    page.browser.evaluate(&format!("document.querySelector('#seams tr[data-seam=\"{reversed}\"]').click()"));
+    page.browser.press("r", false);
+    page.settle("['reverse', 'forward'].includes(document.querySelector('#settings [data-key=\"path.direction\"]').value)");
+}
+
+/// A weave whose amplitude is too large first.
+fn weave(page: &mut Page) {
+    page.set("weave.shape", "sine");
+    page.settle("document.querySelector('#settings [data-key=\"weave.shape\"]').closest('.field').classList.contains('said')");
+    page.set("weave.amplitude_mm", "99");
+    page.settle("!document.querySelector('#settings [data-group=\"weave\"] .refusal:not([hidden])').hidden");
+    let refusal = page.text("#settings [data-group='weave'] .refusal:not([hidden])");
+    assert!(refusal.contains("too much: at most 30 mm"), "{refusal}");
+    page.set("weave.amplitude_mm", "1.5");
+    page.settle("document.querySelector('#undo').title.includes('weave.amplitude_mm')");
+}
+
+/// A reason of the verdict is confirmed, taken back by a key, and confirmed again by another; then a dialect more.
+fn confirm_and_export(page: &mut Page) {
+    page.browser.evaluate("document.querySelector('#verdict [data-reason=\"tool-not-stated\"]').click()");
+    page.settle("document.querySelector('#undo').title.includes('accept tool-not-stated')");
+    page.browser.press("z", true);
+    page.settle("!document.querySelector('#verdict [data-reason=\"tool-not-stated\"]').checked");
+    page.browser.press("y", true);
+    page.settle("document.querySelector('#verdict [data-reason=\"tool-not-stated\"]').checked");
+    page.browser.press("j", false);
+    page.browser.evaluate("document.querySelector('#settings [data-key=\"formats.kuka\"]').click()");
+    page.settle("document.querySelector('#undo').title.includes('formats')");
+}
+
+/// `plan --job` makes the files that the page made.
+fn the_command_writes_the_same(page: &Page) {
     ends_well(
         weldpath()
             .args(["plan", "--job", "out/job.toml", "--out", "again", "--quiet"])
@@ -228,13 +253,6 @@ fn seams_are_left_out_reversed_put_in_order_and_woven_by_mouse_and_keys() {
         let of = |folder: &str| std::fs::read(page.home.path().join(folder).join(name)).unwrap();
         assert!(of("out") == of("again"), "{name} differs");
     }
-    let said: Vec<_> = page
-        .browser
-        .console()
-        .into_iter()
-        .filter(|line| !line.to_string().contains("400 (Bad Request)"))
-        .collect();
-    assert!(said.is_empty(), "{said:?}");
 }
 
 #[test]

@@ -160,4 +160,9 @@ fn a_depth_image_alone_is_read_with_its_camera_and_refused_without() {
     let apart = alone.views[0].points_mm.iter().zip(&of_scan).map(|(a, b)| (a - b).norm() / b.coords.norm());
     assert!(apart.fold(0.0, f32::max) < 1e-6);
     assert!(alone.warnings.iter().any(|warning| warning.contains("1 mm")), "{:?}", alone.warnings);
+
+    let said = Options { intrinsics, depth_scale_m: Some(0.000_05), ..Options::default() };
+    let said = input::read(&image, &said).unwrap();
+    assert_eq!(said.views[0].points_mm, scan.views[0].points_mm);
+    assert!(said.warnings.is_empty(), "{:?}", said.warnings);
 }

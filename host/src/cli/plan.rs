@@ -11,7 +11,7 @@ use weldpath::robot::dialect::moves::TooLong;
 use weldpath::run::job::ask::AskSettings;
 use weldpath::run::job::calibration::CalibrationSettings;
 use weldpath::run::job::quantity::{
-    self, ApproachMm, FeedMmS, Place, Points, RatioThreshold, Region, SpacingMm, StandoffMm,
+    self, ApproachMm, DepthScaleM, FeedMmS, Place, Points, RatioThreshold, Region, SpacingMm, StandoffMm,
 };
 use weldpath::run::job::robot::{RobotSettings, TorchBodySettings};
 use weldpath::run::job::scan::AnchorName;
@@ -51,6 +51,9 @@ pub(super) struct Args {
     /// Intrinsics of depth images that come without, px, and distortion as OpenCV and RealSense write it
     #[arg(long, value_name = "FX,FY,CX,CY[,K1,K2,P1,P2,K3]", allow_hyphen_values = true)]
     intrinsics: Option<input::Intrinsics>,
+    /// Metres per count of depth images that come without [default: 0.001]
+    #[arg(long, value_name = "M")]
+    depth_scale_m: Option<DepthScaleM>,
     /// Where the camera stood that took a cloud which does not tell: mm, in the cloud's own frame
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     camera: Option<input::CameraPosition>,
@@ -207,10 +210,7 @@ fn job(args: &Args) -> Result<Job, Failure> {
         }
         None => Job::default(),
     };
-    replace(&mut job.units, args.units);
-    job.intrinsics = args.intrinsics.or(job.intrinsics);
-    job.camera_mm = args.camera.or(job.camera_mm);
-    job.frame = args.frame.or(job.frame);
+    how_to_read(&mut job, args);
     replace(&mut job.scan.anchor, args.anchor);
     if let Some(path) = &args.calibration {
         let read = CalibrationSettings::read(path);
@@ -232,6 +232,34 @@ fn job(args: &Args) -> Result<Job, Failure> {
     replace(&mut job.arc.output, args.arc_output);
     job.selection.near_mm = args.near.or(job.selection.near_mm);
     job.selection.roi_mm = args.roi.or(job.selection.roi_mm);
+    where_to_look(&mut job, args)?;
+    if !args.robot.is_empty() {
+        job.formats = Formats(args.robot.clone());
+    }
+    if args.spacing_mm.is_some() || args.points.is_some() {
+        (job.path.spacing_mm, job.path.points) = (args.spacing_mm, args.points);
+    }
+    job.torch_body = args.torch.or(job.torch_body);
+    job.accept.extend(args.accept.iter().copied());
+    job.accept.sort_unstable();
+    job.accept.dedup();
+    place_robot(&mut job, args)?;
+    job.input = Some(input(args.input.as_ref(), &job)?);
+    exclusive(&job)?;
+    Ok(job)
+}
+
+/// What the command line says of the input's units, camera and frame.
+fn how_to_read(job: &mut Job, args: &Args) {
+    replace(&mut job.units, args.units);
+    job.intrinsics = args.intrinsics.or(job.intrinsics);
+    job.depth_scale_m = args.depth_scale_m.or(job.depth_scale_m);
+    job.camera_mm = args.camera.or(job.camera_mm);
+    job.frame = args.frame.or(job.frame);
+}
+
+/// What it says of where seams are asked for, what is no work, and which seams are welded.
+fn where_to_look(job: &mut Job, args: &Args) -> Result<(), Failure> {
     if !args.ask.is_empty() {
         job.asks.clone_from(&args.ask);
     }
@@ -251,18 +279,11 @@ fn job(args: &Args) -> Result<Job, Failure> {
     if !args.seam.is_empty() {
         job.selection.seams.clone_from(&args.seam);
     }
-    if !args.robot.is_empty() {
-        job.formats = Formats(args.robot.clone());
-    }
-    if args.spacing_mm.is_some() || args.points.is_some() {
-        (job.path.spacing_mm, job.path.points) = (args.spacing_mm, args.points);
-    }
-    job.torch_body = args.torch.or(job.torch_body);
-    job.accept.extend(args.accept.iter().copied());
-    job.accept.sort_unstable();
-    job.accept.dedup();
-    place_robot(&mut job, args)?;
-    job.input = Some(input(args.input.as_ref(), &job)?);
+    Ok(())
+}
+
+/// Settings that exclude each other.
+fn exclusive(job: &Job) -> Result<(), Failure> {
     if !job.asks.is_empty() && job.method == MethodName::Paper {
         let failure = Failure::new(
             Exit::Usage,
@@ -276,7 +297,7 @@ fn job(args: &Args) -> Result<Job, Failure> {
             failure.hint("add --method paper, or leave --t out: the threshold is found from the data")
         );
     }
-    Ok(job)
+    Ok(())
 }
 
 /// What the tip touched, in place of what the job file says.

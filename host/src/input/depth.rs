@@ -128,7 +128,8 @@ pub(super) fn read_single(bytes: &[u8], path: &Path, options: &Options) -> Resul
             help,
         ));
     };
-    let camera = given(intrinsics, bytes, PRIMESENSE.depth_scale_m, path)?;
+    let depth_scale_m = options.depth_scale_m.unwrap_or(PRIMESENSE.depth_scale_m);
+    let camera = given(intrinsics, bytes, depth_scale_m, path)?;
     let points_mm = points_mm(bytes, &Rays::new(camera), path)?;
     if points_mm.is_empty() {
         return Err(Error::empty(path, "every pixel is 0 or 65535, the marks of no reading"));
@@ -143,9 +144,11 @@ pub(super) fn read_single(bytes: &[u8], path: &Path, options: &Options) -> Resul
     };
     let mut scan = Scan::of(vec![view], CloudFrame::Camera, path);
     scan.notes.push("frame: the camera's, since no pose is given".into());
-    scan.warnings.push(
-        "each step of the depth image is read as 1 mm; if it is another, write a scan.json with depth_scale_m".into(),
-    );
+    if options.depth_scale_m.is_none() {
+        let words =
+            "each step of the depth image is read as 1 mm; if it is another, say so with --depth-scale-m";
+        scan.warnings.push(words.into());
+    }
     Ok(scan)
 }
 

@@ -68,7 +68,8 @@ struct Intrinsics {
 
 /// The camera, and what is assumed of it. What the user says of it goes before what lies in the folder.
 fn camera(folder: &Path, image: &Path, options: &Options) -> Result<(Camera, Option<String>), Error> {
-    let depth_scale_m = if folder.join(TUM_LIST).is_file() { TUM_SCALE_M } else { PRIMESENSE.depth_scale_m };
+    let usual_m = if folder.join(TUM_LIST).is_file() { TUM_SCALE_M } else { PRIMESENSE.depth_scale_m };
+    let depth_scale_m = options.depth_scale_m.unwrap_or(usual_m);
     if let Some(intrinsics) = &options.intrinsics {
         return Ok((depth::given(intrinsics, &read_file(image)?, depth_scale_m, image)?, None));
     }

@@ -136,7 +136,10 @@ pub fn locate(stated: &Stated, registration: &Registration) -> Option<Location> 
     };
     let exact = adjusted(&prior.with_exact_camera())?;
     let looked_for = surfaces.camera.is_some();
-    let free = if looked_for { adjusted(&prior)? } else { adjusted(&prior.with_exact_camera())? };
+    // Value and uncertainty are of one model: the poses scatter as they do with an exact camera.
+    let further =
+        |prior: &Prior| exact.clone().further(&Known { reported, registered, surfaces, centre_mm, prior });
+    let free = if looked_for { further(&prior)? } else { exact.clone() };
     let plain = with_contradictions(prior.with_exact_scale_and_axis())?;
     let with_axis = with_contradictions(prior.with_exact_scale())?;
     let told = if is_axis_told(&with_axis) { &with_axis } else { &plain };
@@ -151,8 +154,9 @@ pub fn locate(stated: &Stated, registration: &Registration) -> Option<Location> 
     }
     let shared = shared([told, &free], stated.taken_out, contradictions);
     let Anchor::Cell(cell) = stated.anchor else {
-        let covariance = stated.taken_out.map(|_| covariance);
-        return Some(Location { base_frame: None, camera, shared, poses: registered.clone(), covariance });
+        // The first pose is exact; the camera is not, and what no scan shows of it, its depth scale first, is an error of the tip.
+        let (poses, covariance) = (registered.clone(), Some(covariance));
+        return Some(Location { base_frame: None, camera, shared, poses, covariance });
     };
     let [turn, shift] = exact.scale;
     let (scale_mm, scale_deg) = (shift, turn);

@@ -76,9 +76,13 @@ impl Scale {
         ];
         let (edge_mm, how) = sizes.into_iter().max_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((1.0, "fixed"));
         let edge_mm = edge_mm.max(1e-3);
-        // A voxel of a surface that one view saw holds about this many points.
-        let usual =
-            (edge_mm / spacing_mm.max(LEAST_SPACING_MM)).powi(2) * (merged.cameras_mm.len() as f32).sqrt();
+        // A voxel of a surface that one view saw holds about this many points. Of a cloud that was merged or thinned elsewhere
+        // they lie in no rows, and the nearest says little of how many there are: they are counted.
+        let usual = if merged.cameras_unknown {
+            merged.points_mm.len() as f32 / centroids(&merged.points_mm, edge_mm).len().max(1) as f32
+        } else {
+            (edge_mm / spacing_mm.max(LEAST_SPACING_MM)).powi(2) * (merged.cameras_mm.len() as f32).sqrt()
+        };
         let least = if usual > 4.5 {
             3
         } else if usual > 3.0 {

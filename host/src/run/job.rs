@@ -35,7 +35,7 @@ use exclude::ExcludeSettings;
 pub use layer::{
     PassSettings, PathSettings, SeamSettings, StitchSettings, TorchSettings, WeaveSettings, Weld,
 };
-use quantity::{Input, Output, PayloadKg, ProgramName, RatioThreshold, TimeS};
+use quantity::{DepthScaleM, Input, Output, PayloadKg, ProgramName, RatioThreshold, TimeS};
 pub use refusal::Error;
 use robot::{RobotSettings, TorchBodySettings};
 use scan::ScanSettings;
@@ -69,6 +69,9 @@ pub struct Job {
     /// Of depth images that come without: fx, fy, cx, cy in pixels, then k1, k2, p1, p2, k3.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub intrinsics: Option<Intrinsics>,
+    /// Of the same images, metres per count; 0.001 if not given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub depth_scale_m: Option<DepthScaleM>,
     /// Where the camera stood that took a cloud which does not tell: x, y, z in mm, in the cloud's own frame.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub camera_mm: Option<CameraPosition>,

@@ -36,6 +36,7 @@ pub fn read(job: &Job, allow_outside: bool) -> Result<Scan, input::Error> {
     let options = input::Options {
         units: job.units,
         intrinsics: job.intrinsics,
+        depth_scale_m: job.depth_scale_m.map(|scale| scale.get()),
         camera_mm: job.camera_mm,
         frame: job.frame,
         allow_outside,
@@ -113,9 +114,19 @@ pub fn source(scan: &Scan, job: &Job) -> Source {
 pub fn finds_the_same(a: &Job, b: &Job) -> bool {
     let search = |job: &Job| {
         let Job {
-            input, units, intrinsics, camera_mm, frame, method, ratio_threshold, scan, exclude, ..
+            input,
+            units,
+            intrinsics,
+            depth_scale_m,
+            camera_mm,
+            frame,
+            method,
+            ratio_threshold,
+            scan,
+            exclude,
+            ..
         } = job.clone();
-        let read = (input, units, intrinsics, camera_mm, frame);
+        let read = (input, units, intrinsics, depth_scale_m, camera_mm, frame);
         (read, method, ratio_threshold, scan, exclude, job.touches.clone(), job.asks.clone())
     };
     search(a) == search(b)

@@ -147,7 +147,9 @@ fn of_views(views: &[ViewReport], hand_eye: Option<&HandEyeError>) -> Vec<Findin
         let words =
             format!("of {} views no two agree: check poses, hand-eye transform and depth scale", views.len());
         found.push(Finding::new(ReasonId::ViewsDisagree, words));
-    } else if (misfits > 1 || fitting < LEAST_FITTING) && misfits as f64 >= MISFITS_SHARE * views.len() as f64
+    } else if misfits > 0
+        && (misfits > 1 || fitting < LEAST_FITTING)
+        && misfits as f64 >= MISFITS_SHARE * views.len() as f64
     {
         let words = format!(
             "{misfits} of {} views {} not fit the others ({}): the poses are not those of the images",
@@ -223,13 +225,15 @@ fn of_seams(plan: &Plan) -> Vec<Finding> {
     found
 }
 
-/// The seam that is worst known in the base frame against its limit, where that is over the limit.
+/// The seam that is worst known in the base frame against its limit, where that is over the limit; none where the job takes
+/// the first view's pose as the frame.
 fn of_base_frame(plan: &Plan) -> Option<Finding> {
+    let cell = plan.base_frame.as_ref()?;
     let ratio = |seam: &&Seam| seam.base_error_mm / limit_mm(seam);
     let worst = plan.seams.iter().max_by(|a, b| ratio(a).total_cmp(&ratio(b)))?;
     let words = || {
-        let scatter = plan.base_frame.as_ref().filter(|found| found.is_scattered()).map(|found| {
-            let (mm, deg) = (found.robot_mm, found.robot_deg);
+        let scatter = cell.is_scattered().then(|| {
+            let (mm, deg) = (cell.robot_mm, cell.robot_deg);
             format!(
                 "; the reported poses scatter by {mm:.1} mm and {deg:.2} deg, more than stated of the robot"
             )

@@ -24,6 +24,8 @@ const EXACT_MM: f64 = 1e-4;
 const EXACT_RAD: f64 = 1e-7;
 /// The stated accuracy of the robot counts as much as so many observed coordinates, when its scatter is estimated.
 const STATED_FREEDOM: f64 = 4.0;
+/// Steps that bring an adjustment to one with more unknowns.
+const FURTHER_STEPS: usize = 2;
 
 /// What is known before.
 pub(super) struct Known<'a> {
@@ -36,6 +38,7 @@ pub(super) struct Known<'a> {
 }
 
 /// What is known after.
+#[derive(Clone)]
 pub(super) struct Adjusted {
     /// Of each camera.
     pub(super) poses: Vec<Isometry3<f64>>,
@@ -65,19 +68,34 @@ impl Adjusted {
             freedom: STATED_FREEDOM,
         };
         for _ in 0..STEPS {
-            let (information, pull) = now.normal_equations(known);
-            let factor = information.cholesky()?;
-            let step = factor.solve(&pull);
-            now.covariance = factor.inverse();
-            now.apply(&step, &known.centre_mm);
+            let longest = now.step(known)?;
             let before = now.scale;
             now.rescale(known);
             let change = before.iter().zip(now.scale).map(|(a, b)| (b / a - 1.0).abs()).fold(0.0, f64::max);
-            if step.amax() < SETTLED_MM && change < SETTLED_SHARE {
+            if longest < SETTLED_MM && change < SETTLED_SHARE {
                 break;
             }
         }
         Some(now)
+    }
+
+    /// The same with other priors, such as of a camera that may have errors, and the scatter as it was found: estimated anew it
+    /// would give way to whatever bends the surfaces, until neither poses nor camera were held by anything.
+    pub(super) fn further(mut self, known: &Known) -> Option<Self> {
+        for _ in 0..FURTHER_STEPS {
+            self.step(known)?;
+        }
+        Some(self)
+    }
+
+    /// One step; its largest number.
+    fn step(&mut self, known: &Known) -> Option<f64> {
+        let (information, pull) = self.normal_equations(known);
+        let factor = information.cholesky()?;
+        let step = factor.solve(&pull);
+        self.covariance = factor.inverse();
+        self.apply(&step, &known.centre_mm);
+        Some(step.amax())
     }
 
     fn normal_equations(&self, known: &Known) -> (DMatrix<f64>, DVector<f64>) {

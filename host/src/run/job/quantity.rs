@@ -97,6 +97,8 @@ macro_rules! quantity {
     };
 }
 
+quantity!(/// Metres per count of depth images that come without; a scanner is no coarser than a tenth of a metre.
+    DepthScaleM, 0.0000001 to 0.1 " m");
 quantity!(/// Stand-off of the tip from the seam.
     StandoffMm, -20 to 200 " mm", default 0);
 quantity!(/// Spacing of the waypoints; below a tenth of a millimetre a robot only stutters.
