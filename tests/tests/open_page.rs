@@ -113,6 +113,29 @@ impl Page {
         std::fs::write(file, self.browser.screenshot()).unwrap();
     }
 
+    /// Where the plate beside a place of the first seam is in the window, seen from above, with what the page shows by now.
+    fn beside_the_first_seam(&mut self, share: f64) -> [f64; 2] {
+        let place = self.browser.evaluate(&format!(
+            "(() => {{
+               const {{ scene, content }} = weldpath;
+               const Vector = scene.camera.position.constructor;
+               document.getElementById('canvas').scrollIntoView({{ block: 'center' }});
+               scene.look('top');
+               scene.camera.updateMatrixWorld();
+               const box = document.getElementById('canvas').getBoundingClientRect();
+               const seam = content.seams[0];
+               const line = seam.line_mm;
+               // On the plate beside it, where a person clicks: along the torch by so much.
+               const middle = new Vector(...line[line.length >> 1]);
+               const off = scene.anchor({{ ...content.summary.seams[0], ...seam }}).sub(middle).setLength(7);
+               const place = new Vector(...line[Math.floor(line.length * {share})]);
+               const {{ x, y }} = scene.project(place.add(off));
+               return [box.left + x, box.top + y];
+             }})()"
+        ));
+        [0, 1].map(|axis| place[axis].as_f64().unwrap())
+    }
+
     fn order(&self) -> Vec<u64> {
         let csv = std::fs::read_to_string(self.home.path().join("out/path.csv")).unwrap();
         let seam = |line: &str| line.split(',').next().unwrap().parse().unwrap();
@@ -312,30 +335,11 @@ fn a_seam_is_asked_for_by_clicks_and_the_page_says_what_is_there() {
     let Some(chromium) = browser::chromium() else { return };
     let mut page = Page::open(&chromium, "scan");
     let seams = page.order().len();
-    page.browser.evaluate("document.getElementById('canvas').scrollIntoView({ block: 'center' })");
-    // Two places along the first seam, which is there already.
-    let places = page.browser.evaluate(
-        "(() => {
-           const { scene, content } = weldpath;
-           const Vector = scene.camera.position.constructor;
-           scene.look('top');
-           scene.camera.updateMatrixWorld();
-           const box = document.getElementById('canvas').getBoundingClientRect();
-           const seam = content.seams[0];
-           const line = seam.line_mm;
-           // On the plate beside it, where a person clicks: along the torch by so much.
-           const middle = new Vector(...line[line.length >> 1]);
-           const off = scene.anchor({ ...content.summary.seams[0], ...seam }).sub(middle).setLength(7);
-           return [line[Math.floor(line.length / 5)], line[Math.floor(line.length * 4 / 5)]].flatMap((p) => {
-             const q = scene.project(new Vector(...p).add(off));
-             return [box.left + q.x, box.top + q.y];
-           });
-         })()",
-    );
     page.browser.press("a", false);
     page.settle("document.getElementById('ask').getAttribute('aria-pressed') === 'true'");
-    for k in 0..2 {
-        page.browser.click(places[2 * k].as_f64().unwrap(), places[2 * k + 1].as_f64().unwrap());
+    for (k, share) in [0.2, 0.8].into_iter().enumerate() {
+        let [x, y] = page.beside_the_first_seam(share);
+        page.browser.click(x, y);
         page.settle(&format!("document.querySelectorAll('.mark-place').length === {}", k + 1));
     }
     page.picture("asking");
@@ -344,7 +348,8 @@ fn a_seam_is_asked_for_by_clicks_and_the_page_says_what_is_there() {
     page.browser.press("p", false);
     page.wait_for_plan();
     assert_eq!(page.order().len(), seams, "the seam is there anyway");
-    assert!(page.text("#warnings").contains("is there without asking"), "{}", page.text("#warnings"));
+    let said = [page.text("#verdict"), page.text("#warnings")].join("\n");
+    assert!(said.contains("is there without asking"), "{said}");
     // It is listed, taken back, and back again.
     page.browser.press("j", false);
     page.settle("document.querySelector('[data-unask=\"0\"]')");
