@@ -152,17 +152,18 @@ impl Wish<'_> {
             return Err(None);
         }
         let v = self.input.model.voxel_mm();
-        let mut corners = step::corners(&self.input.model.voxels.cloud, v, &self.config.step);
+        let cloud = &self.input.model.voxels.cloud;
+        let step = self.config.step.for_layers_of(cloud, v);
+        let mut corners = step::corners(cloud, v, &step);
         let table = self.table();
         corners.retain(|c| {
             self.line.may_mean(&c.position, &c.direction)
                 && !table.as_ref().is_some_and(|t| t.is_face(&c.faces[0], &c.position))
         });
         let chains = traced(self.input, &corners, &self.config.trace);
-        let SeamConfig { refine, step, .. } = self.config;
-        let refine = |chain: &Chain| layers::refine(&self.input.scan, chain, v, refine, step);
+        let refine = |chain: &Chain| layers::refine(&self.input.scan, chain, v, &self.config.refine, &step);
         match self.chosen(&chains, refine, |chain, seam| step_seam(self.input, chain, seam)) {
-            Ok(Answer::Found(seam)) if seam.expected_error_mm >= STEP_ERROR_VOXELS * f64::from(v) => {
+            Ok(Answer::Found(seam)) if seam.relative_error_mm >= STEP_ERROR_VOXELS * f64::from(v) => {
                 Err(Some(left_out(&seam)))
             }
             answer => answer,

@@ -14,7 +14,7 @@ use super::trace::corner::{self, CornerConfig};
 use super::trace::step::{self, StepConfig};
 use super::trace::support::{self, Support};
 use super::trace::{Chain, InsideCorner, loops, splice};
-use super::{Found, Joint, Seam, facets};
+use super::{Found, Joint, Seam, Station, facets};
 use crate::geometry::mesh::Mesh;
 use nalgebra::Isometry3;
 use rayon::prelude::*;
@@ -37,6 +37,8 @@ pub struct SeamConfig {
 const BLURRED_ERROR_VOXELS: f64 = 0.15;
 /// Largest expected error of the position of a step, voxels.
 pub(super) const STEP_ERROR_VOXELS: f64 = 1.0;
+/// A lap and a step nearer to each other than this are one seam, voxels: a thin side leaves its foot this uncertain.
+const NEAR_VOXELS: f64 = 3.0;
 /// Ends of seams that are no farther apart meet in a junction, voxels.
 const JUNCTION_VOXELS: f64 = 6.0;
 /// Longest stretch without points in an arc that closes a loop, in the longest that is bridged elsewhere.
@@ -58,11 +60,19 @@ pub fn find(input: &Input, config: &SeamConfig) -> Found {
     });
     let seams = corner_seams(input, &corners, config);
     let most_error_mm = if input.cues.blurred { BLURRED_ERROR_VOXELS * f64::from(v) } else { f64::INFINITY };
-    let (mut seams, unsure): (Vec<Seam>, Vec<Seam>) = seams
+    let (mut seams, mut unsure): (Vec<Seam>, Vec<Seam>) = seams
         .into_iter()
-        .partition(|seam| is_sure(&input.scan, seam) && seam.expected_error_mm < most_error_mm);
-    if seams.is_empty() && input.cues.steps {
-        seams = step_seams(input, table.as_ref(), config);
+        .partition(|seam| is_sure(&input.scan, seam) && seam.relative_error_mm < most_error_mm);
+    let is_lap = |seam: &Seam| seam.joint == Joint::Lap;
+    if input.cues.steps && (seams.is_empty() || seams.iter().chain(&unsure).any(is_lap)) {
+        let mut steps = step_seams(input, table.as_ref(), config);
+        if !seams.is_empty() {
+            steps.retain(|step| is_better(step, seams.iter().chain(&unsure).filter(|seam| is_lap(seam)), v));
+        }
+        for worse in [&mut seams, &mut unsure] {
+            worse.retain(|seam| !is_lap(seam) || !steps.iter().any(|step| is_beside(seam, step, v)));
+        }
+        seams.append(&mut steps);
     }
     mark_branches(&mut seams, JUNCTION_VOXELS * f64::from(v));
     order(&mut seams);
@@ -193,21 +203,47 @@ pub(super) fn corner_seam(input: &Input, chain: &Chain, seam: &Refined, most_mm:
     described(&input.scan, chain, seam, &expected, Identity { joint, reason, dimensions })
 }
 
-/// Seams by the second cue: plates on plates whose sides were not seen.
+/// Whether the step at the place of some laps shows them better: the side of a thin sheet is narrow to fit a face to, its
+/// edge is not.
+fn is_better<'a>(step: &Seam, laps: impl Iterator<Item = &'a Seam>, voxel_mm: f32) -> bool {
+    let errors = laps.filter(|lap| is_beside(lap, step, voxel_mm)).map(|lap| lap.relative_error_mm);
+    errors.reduce(f64::min).is_some_and(|least| step.relative_error_mm < least)
+}
+
+/// Whether most of a lap runs beside a step.
+fn is_beside(lap: &Seam, step: &Seam, voxel_mm: f32) -> bool {
+    let near_mm = NEAR_VOXELS * f64::from(voxel_mm);
+    let near = |a: &Station| step.stations.iter().any(|b| (b.position_mm - a.position_mm).norm() < near_mm);
+    2 * lap.stations.iter().filter(|station| near(station)).count() > lap.stations.len()
+}
+
+/// Seams by the second cue: plates and sheets on others, whose sides were not seen or are too narrow.
 fn step_seams(input: &Input, table: Option<&Support>, config: &SeamConfig) -> Vec<Seam> {
     let v = input.model.voxel_mm();
-    let corners = Corners::parted(step::corners(&input.model.voxels.cloud, v, &config.step), |c| {
-        table.is_some_and(|t| t.is_face(&c.faces[0], &c.position))
-    });
-    let chains = corners.chains(input, &config.trace);
-    let refine = |chain: &Chain| layers::refine(&input.scan, chain, v, &config.refine, &config.step);
-    let refined = refined_apart(input, &chains, config, refine);
-    let seams = refined.iter().map(|(chain, seam)| step_seam(input, chain, seam));
-    seams
-        .filter(|seam| {
-            is_sure(&input.scan, seam) && seam.expected_error_mm < STEP_ERROR_VOXELS * f64::from(v)
-        })
-        .collect()
+    let cloud = &input.model.voxels.cloud;
+    let seams = |layers: &StepConfig| {
+        let corners = Corners::parted(step::corners(cloud, v, layers), |c| {
+            table.is_some_and(|t| t.is_face(&c.faces[0], &c.position))
+        });
+        let chains = corners.chains(input, &config.trace);
+        let refine = |chain: &Chain| layers::refine(&input.scan, chain, v, &config.refine, layers);
+        let refined = refined_apart(input, &chains, config, refine);
+        let mut seams: Vec<Seam> =
+            refined.iter().map(|(chain, seam)| step_seam(input, chain, seam)).collect();
+        seams.retain(|seam| {
+            is_sure(&input.scan, seam) && seam.relative_error_mm < STEP_ERROR_VOXELS * f64::from(v)
+        });
+        seams
+    };
+    // Where no camera tells what hides what, a model's hidden faces are in the cloud, too, and thin layers are anywhere.
+    let sheets = || seams(&config.step.for_layers_of(cloud, v));
+    let plates = || seams(&config.step);
+    let found = if input.scan.cameras_known { sheets() } else { plates() };
+    match (found.is_empty(), input.scan.cameras_known) {
+        (false, _) => found,
+        (true, true) => plates(),
+        (true, false) => sheets(),
+    }
 }
 
 /// A refined chain at the foot of a step.

@@ -5,6 +5,7 @@
 
 use super::beside::{Beside, beside, near_path};
 use super::face::{self, FacePoint, FitQuality, Scratch};
+use super::frame::Frame;
 use super::path::Path;
 use super::station::MeasuredStation;
 use super::stretch::Stretch;
@@ -14,6 +15,7 @@ use crate::geometry::statistics::{median, robust_deviation};
 use crate::seam::input::RawScan;
 use crate::seam::trace::Chain;
 use crate::seam::trace::step::{ROOM_HEIGHTS, StepConfig};
+use nalgebra::Point3;
 
 // All chosen on the simulated scans.
 
@@ -26,6 +28,10 @@ const UPPER_SHARE: f32 = 0.7;
 /// Half thickness of a layer, standard deviations of its points, and the least of it, voxels.
 const LAYER_DEVIATIONS: f32 = 3.0;
 const LEAST_LAYER_VOXELS: f32 = 0.05;
+/// Stations on either side whose points tell the height of the upper layer at one.
+const LEVEL_STATIONS: usize = 3;
+/// Sine of the angle between a ray and the layers, below which it says little of where the upper one ends: 12 degrees.
+const LEAST_RISE: f32 = 0.2;
 /// How far out of the step the upper layer's points are kept, as a share of the strip.
 const OUT_SHARE: f32 = 0.5;
 /// Width of the strips in which points of the lower layer are counted, next to the step and at the end of its room, and
@@ -40,6 +46,11 @@ const LEAST_POINTS: usize = 25;
 /// Margin beyond the edge within which points are counted: standard deviations of the points, and at least this, voxels.
 const MARGIN_DEVIATIONS: f64 = 2.0;
 const MARGIN_VOXELS: f64 = 0.4;
+/// Points of the upper layer are counted from so many standard deviations below it on, and from its middle on. Of a side as
+/// dense as the layer 2.055 deviations are then counted for an end of the layer, and 0.798: the mean of a normal deviation
+/// beyond the bound, less the bound, over the share of the layer that is counted. The ratio of the second to their difference.
+const LOW_DEVIATIONS: f64 = 2.0;
+const SIDE_SHARE: f64 = 0.798 / (2.055 - 0.798);
 /// Rounds of counting and moving the edge.
 const EDGE_ROUNDS: usize = 8;
 /// Points this near to the step, as a share of the strip, and no farther above it than this many heights, tell that a
@@ -64,7 +75,7 @@ pub fn refine(
         let points = beside(scan.merged, &near, path.line(), reach_mm);
         let layers = Layers::new(scan, &points, voxel_mm, config)?;
         let views = scan.merged.cameras_mm.len();
-        let windows = Windows::new(layers.points(&points), &path, sizes.half * voxel_mm, views);
+        let windows = Windows::new(layers.points(&points, scan, &path), &path, sizes.half * voxel_mm, views);
         let stations: Vec<Option<MeasuredStation>> =
             (0..path.frames.len()).map(|k| layers.station(&windows, &path, k)).collect();
         let stretch = Stretch {
@@ -85,6 +96,17 @@ pub fn refine(
 /// Distance out of the upper layer's edge, and height over the lower layer.
 fn out_and_up(p: &Beside) -> (f32, f32) {
     if p.face == 0 { (p.u, p.h) } else { (p.h, p.u) }
+}
+
+fn station_of(p: &Beside, path: &Path) -> usize {
+    ((p.s / path.step_mm).round().max(0.0) as usize).min(path.frames.len() - 1)
+}
+
+/// How far out a ray of a camera goes for each millimetre up; none of one that grazes the layers.
+fn slope(frame: &Frame, camera_mm: &Point3<f32>) -> Option<f32> {
+    let ray = camera_mm - frame.position;
+    let [up, out] = frame.faces.map(|face| ray.dot(&face));
+    (up > LEAST_RISE * ray.norm()).then(|| out / up)
 }
 
 /// Where the two layers of a step are, mm.
@@ -137,8 +159,12 @@ impl Layers {
     }
 
     /// The points of the lower layer outside, and of the upper one about its edge, sorted along the seam.
-    fn points(&self, points: &[Beside]) -> [Vec<Beside>; 2] {
+    ///
+    /// A camera errs along its ray: a point that it puts too high, it puts too near to itself as well, which is out where it looks
+    /// at the side. Each point of the upper layer is put where its ray meets the layer.
+    fn points(&self, points: &[Beside], scan: &RawScan, path: &Path) -> [Vec<Beside>; 2] {
         let (v, strip_mm) = (self.voxel_mm, self.strip_mm);
+        let levels_mm = self.levels_mm(points, path);
         let lower = points.iter().filter(|p| self.is_lower(p)).filter_map(|p| {
             let (out, up) = out_and_up(p);
             let mine = (v..strip_mm).contains(&out);
@@ -146,13 +172,37 @@ impl Layers {
         });
         let upper = points.iter().filter_map(|p| {
             let (out, up) = out_and_up(p);
-            let mine = (up - self.height_mm).abs() < self.half_mm
-                && (-strip_mm..OUT_SHARE * strip_mm).contains(&out);
+            let station = station_of(p, path);
+            let over = up - levels_mm[station];
+            let slope = if scan.cameras_known {
+                slope(&path.frames[station], &scan.merged.cameras_mm[usize::from(p.view)])
+            } else {
+                Some(0.0)
+            };
+            let out = out - over * slope?;
+            let mine = over.abs() < self.half_mm && (-strip_mm..OUT_SHARE * strip_mm).contains(&out);
             mine.then_some(Beside { face: 1, u: up, h: out, incidence_cos: 1.0, ..*p })
         });
         let mut layers = [lower.collect::<Vec<_>>(), upper.collect::<Vec<_>>()];
         layers.iter_mut().for_each(|points| points.sort_unstable_by(|a, b| a.s.total_cmp(&b.s)));
         layers
+    }
+
+    /// Height of the upper layer at each station; that of all where too little of it is there.
+    fn levels_mm(&self, points: &[Beside], path: &Path) -> Vec<f32> {
+        let mut heights_mm = vec![Vec::new(); path.frames.len()];
+        for p in points {
+            let (out, up) = out_and_up(p);
+            if (-self.strip_mm..-self.voxel_mm).contains(&out) && (up - self.height_mm).abs() < self.half_mm {
+                heights_mm[station_of(p, path)].push(up);
+            }
+        }
+        let level = |k: usize| {
+            let around = k.saturating_sub(LEVEL_STATIONS)..(k + LEVEL_STATIONS + 1).min(heights_mm.len());
+            let mut near: Vec<f32> = heights_mm[around].concat();
+            if near.len() < LEAST_POINTS { self.height_mm } else { median(&mut near) }
+        };
+        (0..heights_mm.len()).map(level).collect()
     }
 
     /// The foot of the edge at one station: the lower layer's plane, and where the upper layer ends.
@@ -183,13 +233,39 @@ impl Layers {
         Some(MeasuredStation { across, normals, quality: [floor.quality, side], present, view_share })
     }
 
-    /// Where the upper layer ends, out of the step: so that beyond lies as much of it as there is, at its density inside.
+    /// Where the upper layer ends, out of the step. The side of the plate, where it is seen, adds points to the layer at its very
+    /// edge: those no deeper than the layer's noise. The higher the points that are counted, the fewer are of the side, in a
+    /// ratio that normal noise gives: from two such counts follows where the layer ends without them.
     fn edge_mm(&self, upper: &[FacePoint], sigma: f64) -> Option<f64> {
+        let inside = |p: &&FacePoint| (-f64::from(self.strip_mm)..-self.inner_mm()).contains(&p.h);
+        let mean = |value: &dyn Fn(&FacePoint) -> f64| {
+            let rows = || upper.iter().filter(inside);
+            rows().map(|p| p.w * value(p)).sum::<f64>() / rows().map(|p| p.w).sum::<f64>()
+        };
+        let level = mean(&|p| p.u);
+        let deviation = mean(&|p| (p.u - level).powi(2)).sqrt();
+        if deviation < f64::from(LEAST_LAYER_VOXELS * self.voxel_mm) {
+            return self.edge_of(upper, sigma);
+        }
+        let above = |least: f64| {
+            let counted: Vec<FacePoint> = upper.iter().filter(|p| p.u > least).copied().collect();
+            self.edge_of(&counted, sigma)
+        };
+        let (low, middle) = (above(level - LOW_DEVIATIONS * deviation)?, above(level)?);
+        Some(middle - SIDE_SHARE * (low - middle))
+    }
+
+    fn inner_mm(&self) -> f64 {
+        EDGE_VOXELS * f64::from(self.voxel_mm)
+    }
+
+    /// Where some points end, out of the step: so that beyond lies as much of them as there is, at their density inside.
+    fn edge_of(&self, upper: &[FacePoint], sigma: f64) -> Option<f64> {
         let (strip, voxel) = (f64::from(self.strip_mm), f64::from(self.voxel_mm));
         let sum = |low: f64, high: f64| -> f64 {
             upper.iter().filter(|p| (low..high).contains(&p.h)).map(|p| p.w).sum()
         };
-        let inner = EDGE_VOXELS * voxel;
+        let inner = self.inner_mm();
         let density = sum(-strip, -inner) / (strip - inner);
         if upper.len() < LEAST_POINTS || density <= 0.0 {
             return None;

@@ -7,6 +7,8 @@
 use super::InsideCorner;
 use crate::geometry::cloud::PointCloud;
 use crate::geometry::grid::Grid;
+use crate::geometry::plane::Moments;
+use crate::geometry::statistics::median;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
@@ -28,6 +30,38 @@ impl Default for StepConfig {
         Self { radius: 6.0, layer: 1.2, height: (2.0, 12.0), strip: 8.0 }
     }
 }
+
+impl StepConfig {
+    /// The same for layers as even as those of a model: the lower the noise, the thinner the sheet whose edge shows.
+    pub fn for_layers_of(&self, model: &PointCloud, voxel_mm: f32) -> Self {
+        let grid = Grid::new(&model.points_mm, CELL_VOXELS * voxel_mm);
+        let normals = grid.by_slot(&model.normals);
+        let layers = Layers { grid: &grid, normals: &normals, voxel_mm, config: self };
+        let every = (grid.len() / SCATTER_SAMPLE).max(1);
+        let scatter = |slot| layers.scatter_mm(slot);
+        let mut scatter_mm: Vec<f32> =
+            (0..grid.len()).into_par_iter().step_by(every).filter_map(scatter).collect();
+        if scatter_mm.is_empty() {
+            return *self;
+        }
+        let layer = LAYER_DEVIATIONS * median(&mut scatter_mm) / voxel_mm;
+        let layer = layer.clamp(LEAST_LAYER.min(self.layer), self.layer);
+        let least = self.height.0 * layer / self.layer;
+        Self { layer, height: (least, self.height.1), ..*self }
+    }
+}
+
+/// Standard deviations in the half thickness of a layer; the least of it, voxels, since a voxel at an edge holds points of both
+/// layers and lies between them; and at so many points it is asked how a layer scatters.
+const LAYER_DEVIATIONS: f32 = 3.0;
+const LEAST_LAYER: f32 = 0.4;
+const SCATTER_SAMPLE: usize = 2000;
+/// Surroundings in which that is asked, voxels: wide enough to show the scatter, and flat on a tube.
+const SCATTER_VOXELS: f32 = 3.0;
+/// A step lower than this, voxels, may be one surface that two views put at two heights: there the lower layer goes on under the
+/// upper one, with no less than this share of its points.
+const GHOST_HEIGHT_VOXELS: f32 = 2.0;
+const GHOST_SHARE: f32 = 0.5;
 
 /// Least shift of a layer's centre from a point at its edge, as a share of the radius; 0.42 on a straight edge.
 const ASYMMETRY: f32 = 0.2;
@@ -81,7 +115,8 @@ impl Layers<'_> {
     fn step(&self, slot: usize) -> Option<InsideCorner> {
         let v = self.voxel_mm;
         let at = self.grid.point(slot);
-        let normal = self.layers_normal(&at, &self.normals[slot])?;
+        let mut normal = self.layers_normal(&at, &self.normals[slot])?;
+        let at = if self.is_thin() { self.on_layer(at, &mut normal)? } else { at };
         let out = self.way_out(&at, &normal)?;
         let along = normal.cross(&out);
         let mut edge = 0.0f32;
@@ -97,12 +132,28 @@ impl Layers<'_> {
         let room = at + out * (edge + ROOM_HEIGHTS * height) - normal * height;
         let mut floor = 0;
         self.layer(&room, &normal, ROOM_VOXELS * v, |_| floor += 1);
+        if height < GHOST_HEIGHT_VOXELS * v {
+            let under = at + out * (edge - ROOM_HEIGHTS * height.max(ROOM_VOXELS * v)) - normal * height;
+            let mut hidden = 0;
+            self.layer(&under, &normal, ROOM_VOXELS * v, |_| hidden += 1);
+            if hidden as f32 >= GHOST_SHARE * floor as f32 {
+                return None;
+            }
+        }
         (floor >= ROOM_POINTS).then(|| InsideCorner {
             position: at + out * edge - normal * height,
             direction: along,
             faces: [normal, out],
             share: 1.0,
         })
+    }
+
+    /// Standard deviation of the layer through a point, about its plane.
+    fn scatter_mm(&self, slot: usize) -> Option<f32> {
+        let (at, normal) = (self.grid.point(slot), &self.normals[slot]);
+        let mut moments = Moments::default();
+        self.layer(&at, normal, SCATTER_VOXELS * self.voxel_mm, |d| moments.add(d));
+        (moments.count >= LEAST_POINTS).then(|| moments.plane().variance_mm2.max(0.0).sqrt())
     }
 
     /// Offsets of the points of the layer through a place.
@@ -123,17 +174,54 @@ impl Layers<'_> {
         });
     }
 
+    /// Whether the layers are so near to each other that their points and normals have to be told apart.
+    fn is_thin(&self) -> bool {
+        self.config.height.0 < GHOST_HEIGHT_VOXELS
+    }
+
     /// Mean normal of the layer: next to its edge the normals of single points lean out.
     fn layers_normal(&self, at: &Point3<f32>, normal: &Vector3<f32>) -> Option<Vector3<f32>> {
         let mut sum = Vector3::zeros();
+        self.around(at, normal, STEEP, |n| sum += n);
+        sum.try_normalize(LEAST_NORMAL)
+    }
+
+    /// A point moved onto its thin layer, whose normal is set: a point that is low by its noise would take points of the next layer
+    /// for its own, and next to a step a third of the normals around lean out, which moves a mean and not a median.
+    fn on_layer(&self, at: Point3<f32>, normal: &mut Vector3<f32>) -> Option<Point3<f32>> {
+        let median_normal = |at: &Point3<f32>, normal: &Vector3<f32>, slope: f32| {
+            let mut around = [const { Vec::new() }; 3];
+            self.around(at, normal, slope, |n| {
+                around.iter_mut().zip(n.iter()).for_each(|(component, value)| component.push(*value));
+            });
+            Vector3::from(around.map(|mut component| median(&mut component))).try_normalize(LEAST_NORMAL)
+        };
+        *normal = median_normal(&at, normal, STEEP)?;
+        let (mut sum, mut count) = (0.0, 0.0);
+        self.layer(&at, normal, SCATTER_VOXELS * self.voxel_mm, |d| {
+            sum += d.dot(normal);
+            count += 1.0;
+        });
+        let at = at + *normal * (sum / f32::max(count, 1.0));
+        *normal = median_normal(&at, normal, 0.0)?;
+        Some(at)
+    }
+
+    /// Normals about a place, of the layer and of what rises from it by no more than this slope.
+    fn around(
+        &self,
+        at: &Point3<f32>,
+        normal: &Vector3<f32>,
+        slope: f32,
+        mut each: impl FnMut(&Vector3<f32>),
+    ) {
         let layer = self.config.layer * self.voxel_mm;
         self.grid.within(at, self.config.radius * self.voxel_mm, |other, _| {
             let (d, n) = (self.grid.point(other) - at, self.normals[other]);
-            if d.dot(normal).abs() < layer + STEEP * d.norm() && n.dot(normal) > SAME_LAYER {
-                sum += n;
+            if d.dot(normal).abs() < layer + slope * d.norm() && n.dot(normal) > SAME_LAYER {
+                each(&n);
             }
         });
-        sum.try_normalize(LEAST_NORMAL)
     }
 
     /// Unit direction in which the layer ends here.

@@ -5,10 +5,12 @@
 
 use crate::geometry::cloud::PointCloud;
 use crate::geometry::plane::Moments;
+use crate::geometry::statistics::DEVIATION_OF_MEDIAN;
 use crate::model::downsampling::Voxels;
 use crate::model::orientation;
 use nalgebra::{Matrix2, Point3, Vector2, Vector3};
 use rayon::prelude::*;
+use std::collections::HashSet;
 
 // All chosen on the simulated scans, unless told otherwise.
 
@@ -28,6 +30,9 @@ const FACING: f32 = 0.9;
 const SAME_FACE: f32 = 0.96;
 const SAME_HALVES: f32 = 1.5;
 
+/// Ratio of half thicknesses from which on the thicker of two planes of about the same direction is a mixture.
+const MIXED: f32 = 1.5;
+
 /// Rounds of finding the plane and fitting it.
 const ROUNDS: usize = 3;
 /// Bin of the histogram of heights, voxels; the most bins; and the share of the least support at which a layer is one.
@@ -40,10 +45,27 @@ const PEAK_BINS: usize = 3;
 /// Standard deviations beyond which points are left out of the second fit, the least such distance, voxels, and what of a
 /// normal scatter then remains: 0.88 of its deviation lies within two.
 const TRIM: f32 = 2.0;
-const TRIM_VOXELS: f32 = 0.5;
+const TRIM_VOXELS: f32 = 0.25;
 const TRIMMED: f32 = 1.0 / 0.88;
 /// Standard deviations in the half thickness, and the least of it, voxels.
 const HALF_DEVIATIONS: f32 = 3.0;
+
+/// Cosine within which a normal is of the same plane where their mean is its direction: 8 degrees, three standard deviations
+/// of the normals of thin noisy voxels.
+const ALIGNED: f32 = 0.99;
+/// Two layers are told apart where the heights between them are spread this many times as thinly as in the lower one.
+const VALLEY: f32 = 3.0;
+/// So many points to a window of heights that is narrower than this count as this wide, voxels: single precision and
+/// quantised heights have none.
+const LEAST_WIDTH_VOXELS: f32 = 0.05;
+/// Share of the table's points below which what lies over it is no layer of its own, and the least number of them.
+const LAYER_SHARE: f32 = 0.02;
+const LEAST_LAYER: usize = 100;
+/// Largest share of a layer's points that may lie over points of the table: those at its edges do, a fifth of a plate of
+/// ten voxels a side.
+const MOST_TWICE: f32 = 0.3;
+/// A layer over the table ends halfway to it.
+const HALFWAY: f32 = 0.5;
 
 /// Largest half thickness of a table, voxels.
 const FLAT_VOXELS: f32 = 2.5;
@@ -65,6 +87,8 @@ pub struct Support {
     pub offset_mm: f32,
     /// Half thickness within which a point belongs to it, mm.
     pub half_mm: f32,
+    /// Height from which on a face is not its own, but that of a sheet which lies on it, mm.
+    pub clear_mm: f32,
     /// Share of all points that lie on it.
     pub share: f32,
 }
@@ -82,7 +106,7 @@ impl Support {
 
     /// Whether a face with this normal at this place is the support itself.
     pub fn is_face(&self, normal: &Vector3<f32>, place: &Point3<f32>) -> bool {
-        normal.dot(&self.normal) > SAME_FACE && self.height_mm(place).abs() < SAME_HALVES * self.half_mm
+        normal.dot(&self.normal) > SAME_FACE && self.height_mm(place).abs() < self.clear_mm
     }
 }
 
@@ -95,7 +119,12 @@ pub fn is_table_shown(voxels: &Voxels) -> bool {
 pub fn find(voxels: &Voxels) -> Option<Support> {
     let directions = common_normals(&voxels.cloud.normals);
     let found: Vec<Support> = directions.par_iter().filter_map(|n| along(voxels, n)).collect();
-    found.into_iter().max_by(|a, b| a.share.total_cmp(&b.share))
+    // What holds a thinner plane of about its direction is two layers taken for one, at a slant.
+    let is_layer = |a: &&Support| {
+        let holds = |b: &Support| MIXED * b.half_mm < a.half_mm && a.normal.dot(&b.normal) > SAME_FACE;
+        !found.iter().any(holds)
+    };
+    found.iter().filter(is_layer).max_by(|a, b| a.share.total_cmp(&b.share)).copied()
 }
 
 /// Mean normals of the most common directions.
@@ -115,6 +144,10 @@ fn common_normals(normals: &[Vector3<f32>]) -> Vec<Vector3<f32>> {
 fn along(voxels: &Voxels, direction: &Vector3<f32>) -> Option<Support> {
     let total = voxels.cloud.len() as f32;
     let mut normal = *direction;
+    for _ in 0..ROUNDS {
+        let aligned = voxels.cloud.normals.iter().filter(|n| n.dot(&normal) > ALIGNED);
+        normal = aligned.sum::<Vector3<f32>>().try_normalize(LEAST_LENGTH)?;
+    }
     let mut found = None;
     for _ in 0..ROUNDS {
         let support = fitted(voxels, &normal)?;
@@ -137,14 +170,100 @@ fn fitted(voxels: &Voxels, normal: &Vector3<f32>) -> Option<Support> {
     let facing = points_mm.iter().zip(normals).filter(|(_, n)| n.dot(normal) > FACING);
     let facing: Vec<Vector3<f32>> = facing.map(|(p, _)| p.coords).collect();
     let heights: Vec<f32> = facing.iter().map(|p| normal.dot(p)).collect();
-    let middle_mm = lowest_layer_mm(&heights, bin_mm, LEAST_SHARE * PEAK_SHARE * total)?;
-    let layer = layer(&facing, normal, middle_mm, bin_mm);
-    // Once more without what is not of the plane: another layer within the bin would thicken it.
-    let within_mm = (TRIM * layer.deviation_mm).max(TRIM_VOXELS * voxels.edge_mm);
+    let least = LEAST_SHARE * PEAK_SHARE * total;
+    let middle_mm = lowest_layer_mm(&heights, bin_mm, least)?;
+    // A sheet on the table is another layer within the bin, and would lift, tilt and thicken it.
+    let near = |h: &&f32| (**h - middle_mm).abs() < 2.0 * bin_mm;
+    let mut near: Vec<f32> = heights.iter().filter(near).copied().collect();
+    near.sort_unstable_by(f32::total_cmp);
+    let lowest = Heights { sorted_mm: &near, voxel_mm: voxels.edge_mm }.lowest(least as usize)?;
+    let within_mm = (TRIM * lowest.deviation_mm).max(TRIM_VOXELS * voxels.edge_mm);
     let Layer { normal, offset_mm, deviation_mm, count } =
-        self::layer(&facing, &layer.normal, layer.offset_mm, within_mm);
+        layer(&facing, normal, lowest.middle_mm, within_mm);
     let half_mm = (HALF_DEVIATIONS * TRIMMED * deviation_mm).max(voxels.edge_mm);
-    Some(Support { normal, offset_mm, half_mm, share: count / total })
+    let support =
+        Support { normal, offset_mm, half_mm, clear_mm: SAME_HALVES * half_mm, share: count / total };
+    let sheet_mm = support.sheet_mm(&facing, HALF_DEVIATIONS * TRIMMED * deviation_mm, voxels.edge_mm);
+    let clear_mm = sheet_mm.map_or(support.clear_mm, |height| HALFWAY * height);
+    Some(Support { clear_mm, ..support })
+}
+
+/// Heights over a plane, sorted.
+struct Heights<'a> {
+    sorted_mm: &'a [f32],
+    voxel_mm: f32,
+}
+
+/// The densest place of a layer, and its scatter as the points on its lower side show it: nothing lies under a table.
+struct Mode {
+    middle_mm: f32,
+    deviation_mm: f32,
+}
+
+impl Heights<'_> {
+    /// The lowest layer of at least `count` points: where so many lie closest, up to where they lie far more thinly.
+    fn lowest(&self, count: usize) -> Option<Mode> {
+        let count = count.max(2);
+        let least_mm = LEAST_WIDTH_VOXELS * self.voxel_mm;
+        let mut densest: Option<(f32, usize)> = None;
+        for (k, window) in self.sorted_mm.windows(count).enumerate() {
+            let width_mm = (window[count - 1] - window[0]).max(least_mm);
+            match densest {
+                Some((least, _)) if width_mm > VALLEY * least => break,
+                Some((least, _)) if width_mm >= least => {}
+                _ => densest = Some((width_mm, k)),
+            }
+        }
+        let (_, first) = densest?;
+        let middle = first + count / 2;
+        let middle_mm = self.sorted_mm[middle];
+        let deviation_mm = DEVIATION_OF_MEDIAN as f32 * (middle_mm - self.sorted_mm[middle / 2]);
+        Some(Mode { middle_mm, deviation_mm })
+    }
+
+    /// Where `count` of them lie closest beyond heights that are spread more thinly by far, if anywhere.
+    fn beyond_valley(&self, count: usize) -> Option<f32> {
+        let least_mm = LEAST_WIDTH_VOXELS * self.voxel_mm;
+        let mut widest_mm = 0.0f32;
+        let mut densest: Option<(f32, usize)> = None;
+        for (k, window) in self.sorted_mm.windows(count).enumerate() {
+            let width_mm = (window[count - 1] - window[0]).max(least_mm);
+            widest_mm = widest_mm.max(width_mm);
+            let is_beyond = VALLEY * width_mm < widest_mm;
+            if is_beyond && densest.is_none_or(|(least, _)| width_mm < least) {
+                densest = Some((width_mm, k));
+            }
+        }
+        densest.map(|(_, k)| self.sorted_mm[k + count / 2])
+    }
+}
+
+impl Support {
+    /// Height of a sheet that lies on it no higher than it would pass for it, if there is one: heights lie closest there beyond a
+    /// valley, and it hides what of the table is under it. What two views see twice lies over itself.
+    fn sheet_mm(&self, facing: &[Vector3<f32>], own_mm: f32, voxel_mm: f32) -> Option<f32> {
+        let height = |p: &Vector3<f32>| self.height_mm(&Point3::from(*p));
+        let own = facing.iter().filter(|p| height(p).abs() < own_mm).count();
+        let over = |h: &f32| (0.0..self.clear_mm / HALFWAY).contains(h);
+        let mut sorted_mm: Vec<f32> = facing.iter().map(height).filter(over).collect();
+        sorted_mm.sort_unstable_by(f32::total_cmp);
+        let least = ((LAYER_SHARE * own as f32) as usize).max(LEAST_LAYER);
+        let sheet_mm = Heights { sorted_mm: &sorted_mm, voxel_mm }.beyond_valley(least)?;
+        let axes = self.axes()?;
+        let cell = |p: &Vector3<f32>| axes.map(|axis| (axis.dot(p) / voxel_mm).floor() as i32);
+        let near_mm = own_mm.min(HALFWAY * sheet_mm);
+        let bare: HashSet<[i32; 2]> = facing.iter().filter(|p| height(p).abs() < near_mm).map(cell).collect();
+        let of_sheet: Vec<_> = facing.iter().filter(|p| (height(p) - sheet_mm).abs() < near_mm).collect();
+        let twice = of_sheet.iter().filter(|p| bare.contains(&cell(p))).count();
+        (twice as f32 <= MOST_TWICE * of_sheet.len() as f32).then_some(sheet_mm)
+    }
+
+    /// Two unit vectors along it.
+    fn axes(&self) -> Option<[Vector3<f32>; 2]> {
+        let across = self.normal.cross(&Vector3::new(self.normal.z, self.normal.x, self.normal.y));
+        let a = across.try_normalize(LEAST_LENGTH)?;
+        Some([a, self.normal.cross(&a)])
+    }
 }
 
 /// The middle of the fullest pair of bins where heights first fill one with more than `least`.
@@ -185,9 +304,7 @@ fn layer(points: &[Vector3<f32>], axis: &Vector3<f32>, middle_mm: f32, within_mm
 
 /// Whether the normals of a support's points turn with their place on it, as on a tube.
 fn is_curved(voxels: &Voxels, support: &Support) -> bool {
-    let across = support.normal.cross(&Vector3::new(support.normal.z, support.normal.x, support.normal.y));
-    let Some(a) = across.try_normalize(LEAST_LENGTH) else { return false };
-    let b = support.normal.cross(&a);
+    let Some([a, b]) = support.axes() else { return false };
     let rows = || {
         let both = voxels.cloud.points_mm.iter().zip(&voxels.cloud.normals);
         both.filter(|(p, n)| n.dot(&support.normal) > FACING && support.height_mm(p).abs() < support.half_mm)
