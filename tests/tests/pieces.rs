@@ -10,6 +10,7 @@ use weldpath::output::verdict::ReasonId;
 use weldpath::pipeline::{self, Plan};
 use weldpath::run::job::Job;
 use weldpath::run::postprocessing::postprocess;
+use weldpath::seam::Seam;
 
 const SEED: u64 = 41;
 
@@ -61,6 +62,26 @@ fn leaning_webs_and_deep_and_half_grooves_are_one_seam_each() {
     }
     assert_one_seam(&Request::new(Part::HalfV, SEED), 0.3, 1.0);
     assert_one_seam(&Request { thickness_mm: Some(25.0), ..Request::new(Part::ButtV, SEED) }, 0.3, 1.5);
+}
+
+/// The table is told from the sheet on it by the data's own noise, and the sheet's edge where it is too narrow for a face.
+#[test]
+fn sheets_on_the_table_are_one_seam_each() {
+    for thickness in [1.0, 2.0] {
+        let thickness_mm = Some(thickness);
+        assert_one_seam(&Request { thickness_mm, ..Request::new(Part::Fillet, SEED) }, 0.15, 1.0);
+    }
+    for thickness in [1.5, 2.0, 3.0] {
+        // What turns the views in the plane of a sheet moves hardly any point off any face: that is stated.
+        let request = Request { thickness_mm: Some(thickness), ..Request::new(Part::Lap, SEED) };
+        let (plan, score) = planned(&request);
+        assert!(score.coverage > 0.9 && score.false_share == 0.0, "lap of {thickness} mm");
+        let stated_mm = plan.seams.iter().map(Seam::tip_error_mm).fold(0.0, f64::max);
+        assert!(
+            score.rmse_mm.is_some_and(|mm| mm < 2.0 * stated_mm),
+            "lap of {thickness} mm: {stated_mm} stated"
+        );
+    }
 }
 
 #[test]

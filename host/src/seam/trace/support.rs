@@ -326,3 +326,55 @@ fn is_curved(voxels: &Voxels, support: &Support) -> bool {
     let explained = (crossed * inverse * crossed.transpose()).trace();
     spread > FLAT_SPREAD * count && explained > MOST_CURVED * spread
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const EDGE_MM: f32 = 1.2;
+
+    /// Points a voxel apart on a level square of so many, at heights that scatter by 0.15 mm, where `is_there` says so.
+    fn level(side: i32, height_mm: f32, is_there: impl Fn(i32, i32) -> bool) -> Vec<Point3<f32>> {
+        let places = (0..side).flat_map(|x| (0..side).map(move |y| (x, y))).filter(|(x, y)| is_there(*x, *y));
+        let noise = |x: i32, y: i32| {
+            // The sum of three uniform numbers is nearly normal; its deviation is a half.
+            let uniform =
+                |salt: i32| (x * 7919 + y * 104_729 + salt * 1_299_709).rem_euclid(9973) as f32 / 9973.0;
+            0.3 * ((1..=3).map(uniform).sum::<f32>() - 1.5)
+        };
+        let at =
+            |(x, y): (i32, i32)| Point3::new(EDGE_MM * x as f32, EDGE_MM * y as f32, height_mm + noise(x, y));
+        places.map(at).collect()
+    }
+
+    fn table(points_mm: Vec<Point3<f32>>) -> Support {
+        let normals = vec![Vector3::z(); points_mm.len()];
+        let cloud = PointCloud { origin_mm: Point3::origin(), points_mm, normals };
+        find(&Voxels { cloud, edge_mm: EDGE_MM, ..Voxels::default() }).expect("a table")
+    }
+
+    fn is_sheet(x: i32, y: i32) -> bool {
+        (20..50).contains(&x) && (5..60).contains(&y)
+    }
+
+    #[test]
+    fn a_sheet_is_told_from_the_table_under_it() {
+        for height_mm in [1.0, 1.5, 3.0] {
+            let bare = level(80, 0.0, |x, y| !is_sheet(x, y));
+            let found = table([bare, level(80, height_mm, is_sheet)].concat());
+            assert!(found.offset_mm.abs() < 0.05, "{height_mm} mm: {found:?}");
+            assert!((found.clear_mm - 0.5 * height_mm).abs() < 0.1, "{height_mm} mm: {found:?}");
+            let on = |z: f32| found.is_face(&Vector3::z(), &Point3::new(40.0, 40.0, z));
+            assert!(on(0.0) && !on(height_mm), "{height_mm} mm");
+        }
+    }
+
+    #[test]
+    fn a_bare_table_and_one_that_two_views_put_at_two_heights_have_no_sheet() {
+        let twice = [level(80, 0.0, |_, _| true), level(80, 1.0, is_sheet)].concat();
+        for points_mm in [level(80, 0.0, |_, _| true), twice] {
+            let found = table(points_mm);
+            assert!((found.clear_mm - SAME_HALVES * found.half_mm).abs() < 1e-6, "{found:?}");
+        }
+    }
+}
