@@ -84,7 +84,7 @@ pub struct Scan {
     pub doubts: Vec<Doubt>,
     /// Whose frame it is in.
     pub frame: CloudFrame,
-    /// Files read, in the order of reading.
+    /// Files read, in the order of reading; those of a folder without `scan.json` that say how it is read may be missing.
     pub inputs: Vec<PathBuf>,
 }
 
@@ -249,6 +249,22 @@ fn whole(mut scan: Scan, input: &Path, options: &Options) -> Result<Scan, Error>
     }
     memory::hold_plan(input, scan.views.iter().map(|view| view.points_mm.len()).sum())?;
     Ok(scan)
+}
+
+/// Files that [`read`] may look at beside those that it names in [`Scan::inputs`]: which of them are there, and what they hold,
+/// decides how INPUT is understood. All of a folder and of its `depth/`, or the one file; sorted.
+pub fn looked_at(input: &Path) -> Vec<PathBuf> {
+    if !input.is_dir() {
+        return vec![input.into()];
+    }
+    let files = |folder: &Path| -> Vec<PathBuf> {
+        let entries = std::fs::read_dir(folder).into_iter().flatten().filter_map(Result::ok);
+        entries.map(|entry| entry.path()).filter(|path| path.is_file()).collect()
+    };
+    let mut all = files(input);
+    all.extend(files(&input.join(trajectory::IMAGES)));
+    all.sort();
+    all
 }
 
 fn read_any(input: &Path, options: &Options) -> Result<Scan, Error> {
