@@ -49,6 +49,7 @@ pub use camera::{CameraPosition, Distortion, Intrinsics};
 pub use doubt::{CloudFrame, Doubt, DoubtKind};
 use format::{Format, Reader};
 use raw::Raw;
+use serde::{Deserialize, Serialize};
 pub use stated::StatedFrame;
 pub use units::{Units, UnknownUnits};
 
@@ -69,12 +70,14 @@ pub struct Options {
     pub allow_outside: bool,
 }
 
-/// What was read, and how it was understood.
-#[derive(Debug, Clone)]
+/// What was read, and how it was understood. Kept on a disk it is without its points.
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Scan {
     /// One per camera pose; never empty, and no view is empty.
+    #[serde(skip)]
     pub views: Vec<View>,
     /// What was there before the work; empty if nothing is known of it.
+    #[serde(skip)]
     pub background: Arc<[View]>,
     /// What was derived and how, such as `units: metres (extent 0.6)`.
     pub notes: Vec<String>,

@@ -1,11 +1,11 @@
 //! What is kept of a plan saves the next one its stages, and never changes a byte of what comes of it.
 
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
-use weldpath::files::File;
+use weldpath::files::{File, entries};
 use weldpath::pipeline::{Evidence, Observer};
 use weldpath::report::{self, Recording};
 use weldpath::run::job::Job;
@@ -33,7 +33,7 @@ impl Observer for Watch {
 /// The stages that began, and what was found.
 fn find(job: &Job, kept: &Kept<Recording>) -> (Vec<&'static str>, Result<Arc<Searched<Recording>>, String>) {
     let mut watch = Watch::default();
-    let seen = |watch: &mut Watch| std::mem::take(&mut watch.recording);
+    let seen = |watch: &mut Watch| Some(std::mem::take(&mut watch.recording));
     let found = planning::find(job, false, kept, &mut watch, seen).map_err(|error| error.to_string());
     (watch.stages, found)
 }
@@ -44,7 +44,7 @@ fn files(found: &Searched<Recording>, job: &Job) -> Result<Vec<File>, String> {
     plan.stage_s.clear();
     let source = planning::source(&found.scan, job);
     let mut output = postprocess(&plan, job, source).map_err(|error| error.to_string())?;
-    let report = report::files(&plan, &output, &found.seen, job);
+    let report = report::files(&plan, &output, found.seen.as_ref().unwrap(), job);
     output.files.extend(report);
     Ok(output.files)
 }
@@ -54,10 +54,9 @@ fn outcome(job: &Job, kept: &Kept<Recording>) -> (Vec<&'static str>, Result<Vec<
     (stages, found.and_then(|found| files(&found, job)))
 }
 
-/// A T joint in a few small views.
+/// A T joint in small views.
 fn scan(home: &Path) -> Job {
-    let command =
-        ["simulate", "--part", "fillet", "--size", "200x150", "--views", "4", "--quiet", "--out", "scan"];
+    let command = ["simulate", "--part", "fillet", "--size", "320x240", "--quiet", "--out", "scan"];
     ends_well(weldpath().args(command).current_dir(home));
     Job { input: Some(home.join("scan")), ..Job::default() }
 }
@@ -168,6 +167,17 @@ const SAYINGS: [&[&str]; 14] = [
     &["", "[[pass]]\n[[pass]]\nout_mm = 3\n", "[[seam]]\nid = 1\npath.direction = \"reverse\"\n"],
 ];
 
+/// Whether two runs came to the same files, byte by byte, or to the same words of why not.
+fn same(a: &Result<Vec<File>, String>, b: &Result<Vec<File>, String>) -> bool {
+    match (a, b) {
+        (Ok(a), Ok(b)) => {
+            a.len() == b.len() && a.iter().zip(b).all(|(a, b)| a.name == b.name && a.bytes == b.bytes)
+        }
+        (Err(a), Err(b)) => a == b,
+        _ => false,
+    }
+}
+
 #[test]
 fn after_random_edits_every_file_is_that_of_a_fresh_run_to_the_byte() {
     const EDITS: usize = 40;
@@ -177,8 +187,10 @@ fn after_random_edits_every_file_is_that_of_a_fresh_run_to_the_byte() {
     let text = fs::read_to_string(&json).unwrap();
     let mut random = Random(0x5eed_cafe);
     let mut says = [0; SAYINGS.len()];
-    let kept = Kept::default();
-    let (mut spared, mut refused) = (0, 0);
+    // What a page keeps, and what one run of the command leaves for the next.
+    let in_memory = Kept::default();
+    let out = home.path().join("out");
+    let (mut spared, mut refused, mut programs) = (0, 0, 0);
     for edit in 0..EDITS {
         let at = random.below(SAYINGS.len());
         says[at] = random.below(SAYINGS[at].len());
@@ -192,28 +204,105 @@ fn after_random_edits_every_file_is_that_of_a_fresh_run_to_the_byte() {
         }
         let said: String = SAYINGS.iter().zip(says).map(|(saying, at)| saying[at]).collect();
         let edited = with(&job, &said);
-        let (stages, from_kept) = outcome(&edited, &kept);
+        let on_disk = Kept::within(&out);
+        let (stages, from_memory) = outcome(&edited, &in_memory);
+        let (later_stages, from_disk) = outcome(&edited, &on_disk);
+        on_disk.save();
         let (_, fresh) = outcome(&edited, &Kept::default());
+        assert!(
+            !stages.is_empty() || later_stages.is_empty(),
+            "edit {edit}: the disk holds as much:\n{said}"
+        );
         spared += usize::from(stages.is_empty());
-        match (from_kept, fresh) {
-            (Ok(a), Ok(b)) => {
-                assert_eq!(a.len(), b.len());
-                for (a, b) in a.iter().zip(&b) {
-                    assert!(
-                        a.name == b.name && a.bytes == b.bytes,
-                        "edit {edit}: {} differs:\n{said}",
-                        a.name
-                    );
-                }
-            }
-            (Err(a), Err(b)) => {
-                assert_eq!(a, b, "edit {edit}:\n{said}");
-                refused += 1;
-            }
-            (a, b) => panic!("edit {edit}: {:?} and {:?}:\n{said}", a.err(), b.err()),
+        refused += usize::from(fresh.is_err());
+        programs += usize::from(fresh.iter().flatten().any(|file| file.name == "path.json"));
+        for kept in [from_memory, from_disk] {
+            assert!(same(&kept, &fresh), "edit {edit}: {:?} and {:?}:\n{said}", kept.err(), fresh.err());
         }
     }
-    println!("of {EDITS} plans {spared} began no stage, {refused} came to nothing");
+    println!("of {EDITS} plans {spared} began no stage, {programs} gave programs, {refused} came to nothing");
+    assert!(programs > EDITS / 3, "{programs}");
     assert!(spared >= EDITS / 3, "{spared}");
     assert!(refused < EDITS / 2, "{refused}");
+}
+
+/// What a run left in a folder, without how long its stages took, which is the one thing that differs from run to run.
+fn left(folder: &Path) -> Vec<(String, String)> {
+    let timeless = |text: &str| match text.split_once("\"stages\"") {
+        Some((before, rest)) => format!("{before}{}", rest.split_once(']').map_or(rest, |(_, after)| after)),
+        None => text.to_owned(),
+    };
+    let entries = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    let mut files: Vec<_> = entries
+        .filter(|path| path.is_file() && !path.ends_with("weldpath-manifest.json"))
+        .map(|path| {
+            let name = path.file_name().unwrap().to_string_lossy().into_owned();
+            (name, timeless(&String::from_utf8_lossy(&fs::read(path).unwrap())))
+        })
+        .collect();
+    files.sort();
+    assert!(files.len() >= 8, "{}", files.len());
+    files
+}
+
+/// A folder in which a scan is planned by the command again and again.
+struct Folder(tempfile::TempDir);
+
+impl Folder {
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    /// Plans at a feed; whether it took the seams that are kept.
+    fn plan(&self, feed: f64, out: &str, more: &[&str]) -> bool {
+        let text = format!("input = \"scan\"\nformats = [\"ur\", \"kuka\"]\n[path]\nfeed_mm_s = {feed}\n");
+        fs::write(self.path("a.toml"), text).unwrap();
+        let mut command = weldpath();
+        command.args(["plan", "--job", "a.toml", "--out", out]).args(more).current_dir(self.0.path());
+        let done = command.output().unwrap();
+        let said = String::from_utf8_lossy(&done.stderr).into_owned();
+        assert!(done.status.success(), "{said}");
+        said.contains("the seams are those that were found in this scan before")
+    }
+
+    /// Whether both folders hold the same.
+    fn are_same(&self, a: &str, b: &str) {
+        for (a, b) in left(&self.path(a)).iter().zip(left(&self.path(b))) {
+            assert!(*a == b, "{} differs", a.0);
+        }
+    }
+}
+
+#[test]
+fn a_run_of_the_command_takes_the_seams_that_an_earlier_one_found_and_writes_what_a_fresh_one_does() {
+    let folder = Folder(tempfile::tempdir().unwrap());
+    scan(folder.0.path());
+    assert!(!folder.plan(5.0, "out", &[]), "nothing is kept yet");
+    let begun = Instant::now();
+    assert!(folder.plan(6.0, "out", &[]));
+    let kept = begun.elapsed();
+    assert!(!folder.plan(6.0, "fresh", &["--no-cache"]));
+    println!("the command {:.0?}, after an edit {kept:.0?}", begun.elapsed() - kept);
+    assert!(!folder.path("fresh").join(entries::KEPT).exists());
+    folder.are_same("out", "fresh");
+    assert!(folder.plan(6.0, "out", &["--no-report"]));
+    assert!(!folder.plan(6.0, "out", &["--no-cache"]));
+    assert!(!folder.plan(6.0, "out", &["--dump-stages"]), "the clouds after each stage are kept nowhere");
+
+    // Entries that are damaged are none, and are made again.
+    for entry in
+        fs::read_dir(folder.path("out").join(entries::KEPT)).unwrap().map(|entry| entry.unwrap().path())
+    {
+        let mut bytes = fs::read(&entry).unwrap();
+        let middle = bytes.len() / 2;
+        bytes[middle] ^= 0x10;
+        fs::write(&entry, bytes).unwrap();
+    }
+    assert!(!folder.plan(6.0, "out", &[]));
+    assert!(folder.plan(6.0, "out", &[]));
+    folder.are_same("out", "fresh");
+
+    // Another scan in the same folder is another scan.
+    fs::copy(folder.path("scan/view_001.png"), folder.path("scan/view_000.png")).unwrap();
+    assert!(!folder.plan(6.0, "out", &[]));
 }

@@ -6,7 +6,11 @@
 mod reading;
 mod search;
 
+use std::path::Path;
 use std::sync::Arc;
+
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
 
 use crate::input::{self, Scan};
 use crate::output::summary::Source;
@@ -40,14 +44,14 @@ pub fn plan(scan: &Scan, job: &Job, observer: &mut impl Observer) -> Result<Plan
 }
 
 /// What was found in a scan.
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
 pub struct Searched<R> {
     /// What was read, without its points.
     pub scan: Scan,
     /// Its seams.
     pub plan: Plan,
-    /// What an observer saw of it.
-    pub seen: R,
+    /// What an observer saw of it; none if nobody wanted to.
+    pub seen: Option<R>,
 }
 
 /// What earlier plans read and found.
@@ -59,9 +63,28 @@ pub struct Kept<R> {
 
 impl<R> Default for Kept<R> {
     fn default() -> Self {
-        Self { readings: Shelf::default(), plans: Shelf::default() }
+        Self { readings: Shelf::in_memory(), plans: Shelf::in_memory() }
     }
 }
+
+impl<R> Kept<R> {
+    /// What is kept in a folder of results, too, from one run of the program to the next.
+    pub fn within(results: &Path) -> Self {
+        Self { readings: Shelf::within(results, "scan"), plans: Shelf::within(results, "plan") }
+    }
+}
+
+impl<R: Record> Kept<R> {
+    /// Puts on the disk what is not there yet, if it is kept there: when the files of the run are written.
+    pub fn save(&self) {
+        self.readings.save();
+        self.plans.save();
+    }
+}
+
+/// What an observer saw of a search, and can be kept on a disk.
+pub trait Record: Serialize + DeserializeOwned {}
+impl<R: Serialize + DeserializeOwned> Record for R {}
 
 /// Why nothing was found.
 #[derive(Debug, thiserror::Error)]
@@ -75,23 +98,23 @@ pub enum Error {
 }
 
 /// What is kept of the same job on the same files, if there is any: nothing is read or sought.
-pub fn kept<R>(job: &Job, allow_outside: bool, kept: &Kept<R>) -> Option<Arc<Searched<R>>> {
+pub fn kept<R: Record>(job: &Job, allow_outside: bool, kept: &Kept<R>) -> Option<Arc<Searched<R>>> {
     let reading = kept.readings.get(reading::key(job, allow_outside))?;
     let (frame, content) = reading.from(reading::files_now(job, Some(&reading)))?;
     kept.plans.get(Search::new(job, frame).key(content))
 }
 
 /// Reads the scan of a job and finds its seams, or takes what is kept of the same: then no stage begins. `seen` is what the
-/// observer saw of the search.
+/// observer saw of the search; a plan of which it saw nothing is not kept.
 ///
 /// # Errors
 /// If the scan cannot be read, has no seam, or the observer wants no more.
-pub fn find<R, O: Observer>(
+pub fn find<R: Record, O: Observer>(
     job: &Job,
     allow_outside: bool,
     kept: &Kept<R>,
     observer: &mut O,
-    seen: impl FnOnce(&mut O) -> R,
+    seen: impl FnOnce(&mut O) -> Option<R>,
 ) -> Result<Arc<Searched<R>>, Error> {
     let key = reading::key(job, allow_outside);
     let earlier = kept.readings.get(key);
@@ -115,7 +138,10 @@ pub fn find<R, O: Observer>(
     let plan = search.run(&scan, observer)?;
     let scan = Scan { views: Vec::new(), background: Arc::default(), ..scan };
     let found = Arc::new(Searched { scan, plan, seen: seen(observer) });
-    kept.plans.put(key, &found);
+    // Who saw nothing of the search would keep from others what they want to see.
+    if found.seen.is_some() {
+        kept.plans.put(key, &found);
+    }
     Ok(found)
 }
 

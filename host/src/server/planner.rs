@@ -94,7 +94,8 @@ fn show(session: &Session, job: Job, found: Arc<Searched>, stop: &AtomicBool) ->
     let source = planning::source(&found.scan, &job);
     let mut output = postprocess(&found.plan, &job, source)
         .map_err(|error| told(error, "take the last edit back, or choose other seams"))?;
-    let report = report::files(&found.plan, &output, &found.seen, &job);
+    let report = found.seen.as_ref().map(|seen| report::files(&found.plan, &output, seen, &job));
+    let report = report.unwrap_or_default();
     let html =
         report.first().map(|page| String::from_utf8_lossy(&page.bytes).into_owned()).unwrap_or_default();
     output.files.extend(report);
@@ -102,6 +103,7 @@ fn show(session: &Session, job: Job, found: Arc<Searched>, stop: &AtomicBool) ->
         return Err(given_up());
     }
     write(&session.workplace, &output.files)?;
+    session.kept.save();
     let order = output.paths.iter().map(|path| path.seam).collect();
     let (html, reversed) = (html.into(), reversed(&found.plan, &output));
     session.show(Shown { html, job, order, reversed, found: Some(found), ..Shown::default() });
@@ -111,7 +113,7 @@ fn show(session: &Session, job: Job, found: Arc<Searched>, stop: &AtomicBool) ->
 /// The seams of the scan. What was seen where there is none is written and shown.
 fn search(session: &Session, job: &Job, stop: &AtomicBool) -> Result<Arc<Searched>, Told> {
     let mut watch = Watch { session, stop, recording: Recording::default() };
-    let recording = |watch: &mut Watch| std::mem::take(&mut watch.recording);
+    let recording = |watch: &mut Watch| Some(std::mem::take(&mut watch.recording));
     match planning::find(job, session.workplace.allow_outside, &session.kept, &mut watch, recording) {
         Ok(found) => Ok(found),
         Err(Error::Input(error)) => Err(told(error, "the scan is read anew with the next plan")),

@@ -35,6 +35,8 @@ pub struct Workplace {
     pub overwrite: bool,
     /// Whether scan.json may name files outside its folder.
     pub allow_outside: bool,
+    /// Whether what was found is kept in the folder of the results, for the next time that the page is opened.
+    pub keeps: bool,
 }
 
 /// A failure as it is told.
@@ -177,7 +179,10 @@ struct SeamState {
 impl Session {
     pub(super) fn new(job: Job, workplace: Workplace) -> Arc<Self> {
         let desk = Mutex::new(Desk { job, ..Desk::default() });
-        let kept = planning::Kept::default();
+        let kept = match workplace.keeps {
+            true => planning::Kept::within(&workplace.out),
+            false => planning::Kept::default(),
+        };
         Arc::new(Self { workplace, kept, desk, revision: watch::Sender::new(1) })
     }
 

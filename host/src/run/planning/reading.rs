@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use serde::{Deserialize, Serialize};
+
 use crate::input::{self, CloudFrame, Scan};
 use crate::run::job::Job;
 use crate::run::kept::{self, Digest, Key, content};
@@ -43,7 +45,7 @@ pub(super) fn key(job: &Job, allow_outside: bool) -> Key {
 }
 
 /// What a reading told.
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Reading {
     /// Files that were read, wherever they lie.
     inputs: Vec<PathBuf>,
@@ -52,7 +54,7 @@ pub(super) struct Reading {
 }
 
 /// What was read from files that had this key.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 struct Settled {
     files: Key,
     frame: CloudFrame,
