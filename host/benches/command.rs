@@ -60,7 +60,7 @@ fn few_points(folder: &Path) -> std::path::PathBuf {
 fn plan(folder: &Path, cloud: &Path, threads: usize) -> Spent {
     let begin = Instant::now();
     let mut child = Command::new(env!("CARGO_BIN_EXE_weldpath"))
-        .args(["plan", "--quiet", "--out"])
+        .args(["plan", "--quiet", "--no-cache", "--out"])
         .arg(folder.join("out"))
         .arg(cloud)
         .env("RAYON_NUM_THREADS", threads.to_string())

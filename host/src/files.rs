@@ -7,6 +7,7 @@
 //!
 //! Only files that the [`manifest`] of an earlier run names, and that nobody has changed since, are replaced.
 
+pub mod entries;
 pub mod interrupt;
 mod journal;
 pub mod manifest;

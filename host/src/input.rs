@@ -49,6 +49,7 @@ pub use camera::{CameraPosition, Distortion, Intrinsics};
 pub use doubt::{CloudFrame, Doubt, DoubtKind};
 use format::{Format, Reader};
 use raw::Raw;
+use serde::{Deserialize, Serialize};
 pub use stated::StatedFrame;
 pub use units::{Units, UnknownUnits};
 
@@ -69,12 +70,14 @@ pub struct Options {
     pub allow_outside: bool,
 }
 
-/// What was read, and how it was understood.
-#[derive(Debug, Clone)]
+/// What was read, and how it was understood. Kept on a disk it is without its points.
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Scan {
     /// One per camera pose; never empty, and no view is empty.
+    #[serde(skip)]
     pub views: Vec<View>,
     /// What was there before the work; empty if nothing is known of it.
+    #[serde(skip)]
     pub background: Arc<[View]>,
     /// What was derived and how, such as `units: metres (extent 0.6)`.
     pub notes: Vec<String>,
@@ -84,7 +87,7 @@ pub struct Scan {
     pub doubts: Vec<Doubt>,
     /// Whose frame it is in.
     pub frame: CloudFrame,
-    /// Files read, in the order of reading.
+    /// Files read, in the order of reading; those of a folder without `scan.json` that say how it is read may be missing.
     pub inputs: Vec<PathBuf>,
 }
 
@@ -249,6 +252,22 @@ fn whole(mut scan: Scan, input: &Path, options: &Options) -> Result<Scan, Error>
     }
     memory::hold_plan(input, scan.views.iter().map(|view| view.points_mm.len()).sum())?;
     Ok(scan)
+}
+
+/// Files that [`read`] may look at beside those that it names in [`Scan::inputs`]: which of them are there, and what they hold,
+/// decides how INPUT is understood. All of a folder and of its `depth/`, or the one file; sorted.
+pub fn looked_at(input: &Path) -> Vec<PathBuf> {
+    if !input.is_dir() {
+        return vec![input.into()];
+    }
+    let files = |folder: &Path| -> Vec<PathBuf> {
+        let entries = std::fs::read_dir(folder).into_iter().flatten().filter_map(Result::ok);
+        entries.map(|entry| entry.path()).filter(|path| path.is_file()).collect()
+    };
+    let mut all = files(input);
+    all.extend(files(&input.join(trajectory::IMAGES)));
+    all.sort();
+    all
 }
 
 fn read_any(input: &Path, options: &Options) -> Result<Scan, Error> {

@@ -27,6 +27,8 @@ use crate::seam::measure::coverage;
 use crate::seam::score::edges;
 use crate::weld::SeamPath;
 use nalgebra::Point3;
+use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 use std::time::Instant;
 
 /// How seams are found.
@@ -86,7 +88,7 @@ impl Default for Config {
 }
 
 /// What [`plan`] found.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Plan {
     /// All views merged, registered, downsampled and denoised.
     pub model: PointCloud,
@@ -112,7 +114,7 @@ pub struct Plan {
     /// Parameters that were derived from the data: name, value, unit, how.
     pub derived: Vec<Derived>,
     /// Stage name and wall time, seconds.
-    pub stage_s: Vec<(&'static str, f64)>,
+    pub stage_s: Vec<(Cow<'static, str>, f64)>,
     /// Whether nothing tells from which side the work was seen, and it is taken as seen from above, +z.
     pub orientation_assumed: bool,
     /// Of the seams that were asked for, those that are not there, and why.
@@ -122,10 +124,10 @@ pub struct Plan {
 }
 
 /// A parameter that was derived from the data.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Derived {
     /// Name with its unit, such as `voxel_mm`.
-    pub name: &'static str,
+    pub name: Cow<'static, str>,
     /// Its value.
     pub value: f64,
     /// How it was derived, in words.
@@ -275,7 +277,11 @@ fn go_on(observer: &impl Observer) -> Result<(), PlanError> {
 
 /// The sizes that were derived from the data, for the summary.
 fn derived(scale: &downsampling::Scale, gate: f32) -> Vec<Derived> {
-    let row = |name, value: f32, how: &str| Derived { name, value: f64::from(value), how: how.into() };
+    let row = |name: &'static str, value: f32, how: &str| Derived {
+        name: name.into(),
+        value: f64::from(value),
+        how: how.into(),
+    };
     let filter = scale.bilateral();
     vec![
         row("spacing_mm", scale.spacing_mm, "mean distance to the nearest neighbour within a view"),
@@ -300,7 +306,7 @@ fn no_seam(reason: String) -> PlanError {
 /// Wall time of each stage.
 #[derive(Default)]
 struct Clock {
-    stages: Vec<(&'static str, f64)>,
+    stages: Vec<(Cow<'static, str>, f64)>,
 }
 
 impl Clock {
@@ -314,9 +320,9 @@ impl Clock {
         let begin = Instant::now();
         let done = work();
         let spent = begin.elapsed().as_secs_f64();
-        match self.stages.iter_mut().find(|(name, _)| *name == stage) {
+        match self.stages.iter_mut().find(|(name, _)| name == stage) {
             Some((_, total)) => *total += spent,
-            None => self.stages.push((stage, spent)),
+            None => self.stages.push((stage.into(), spent)),
         }
         done
     }

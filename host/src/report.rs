@@ -17,7 +17,7 @@ mod run;
 pub use deviation::deviation;
 pub use page::with_deviation;
 #[cfg(feature = "open")]
-pub use page::{editable, waiting};
+pub use page::{Edition, editable, numbers, waiting};
 pub use recording::Recording;
 use run::Run;
 

@@ -2,6 +2,7 @@
 //! laid over a part that has moved.
 
 pub mod job;
+pub mod kept;
 pub mod planning;
 pub mod postprocessing;
 pub mod refit;

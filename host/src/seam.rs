@@ -70,7 +70,7 @@ impl Joint {
 }
 
 /// One place on a seam.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Station {
     /// Where the two adjoining faces meet, mm, base frame.
     pub position_mm: Point3<f64>,
@@ -81,7 +81,7 @@ pub struct Station {
 }
 
 /// A weldable seam, ordered as it is welded.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Seam {
     /// 1, 2, ... in the order in which the seams are offered.
     pub id: usize,

@@ -1,12 +1,11 @@
 //! `weldpath open`: the report as a page that edits its job, and the server on 127.0.0.1 that it talks to.
 //!
-//! The page asks for three things: itself, the schema of a job, and the state of things, for which it waits until there is
-//! news. It does five: edit, undo, redo, plan, cancel. Nothing that it sends names a file. What it changes is the job; a
+//! The page asks for four things: itself, the numbers of the last plan, the schema of a job, and the state of things, for which
+//! it waits until there is news. It does five: edit, undo, redo, plan, cancel. Nothing that it sends names a file. What it changes is the job; a
 //! plan writes the job with all other files of a run, and `weldpath plan --job` makes the same of it.
 
 mod command;
 mod edit;
-mod found;
 mod guard;
 mod http;
 mod planner;
@@ -23,6 +22,6 @@ use crate::run::job::Job;
 /// If the system grants no port, no thread or no randomness.
 pub fn open(job: Job, workplace: Workplace, announce: impl FnOnce(&str, &str)) -> std::io::Result<()> {
     let session = session::Session::new(job, workplace);
-    planner::start(&session)?;
+    planner::start(&session, session::Wish::Whole)?;
     http::serve(session, announce)
 }

@@ -22,10 +22,11 @@ pub mod torch;
 pub mod weave;
 
 use nalgebra::{Point3, UnitQuaternion, Vector3};
+use serde::{Deserialize, Serialize};
 use weldpath_core::path::interpolation::position_between;
 
 /// One pose of the torch on its seam.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct PathPoint {
     /// Distance along the seam, mm.
     pub s_mm: f64,
@@ -38,7 +39,7 @@ pub struct PathPoint {
 }
 
 /// What the torch does at a point of its path, and on the move that ends there.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Process {
     /// Whether the arc burns between this point and a neighbour that says so too.
     pub weld: bool,
@@ -72,7 +73,7 @@ impl PathPoint {
 }
 
 /// The torch path of one seam, as long as the seam; a closed path ends where it began.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SeamPath {
     /// [`crate::seam::Seam::id`].
     pub seam: usize,

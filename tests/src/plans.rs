@@ -58,7 +58,7 @@ pub fn corner_of_plates(bent: bool) -> Plan {
 
 fn of_paths(paths: Vec<SeamPath>) -> Plan {
     let seams = paths.iter().map(seam).collect();
-    let derived = vec![Derived { name: "voxel_mm", value: 0.8, how: "twice the mean spacing".into() }];
+    let derived = vec![Derived { name: "voxel_mm".into(), value: 0.8, how: "twice the mean spacing".into() }];
     Plan {
         model: model(),
         seams,
@@ -71,7 +71,7 @@ fn of_paths(paths: Vec<SeamPath>) -> Plan {
         derived,
         coverage: vec![],
         tacks: vec![],
-        stage_s: vec![("normals", 0.25), ("seam", 1.5)],
+        stage_s: vec![("normals".into(), 0.25), ("seam".into(), 1.5)],
         orientation_assumed: false,
         unmet: Vec::new(),
         warnings: vec!["view 2 sees little".into()],

@@ -63,7 +63,7 @@ fn wrong(name: &str, seam: &Seam, truth: &Truth) -> Vec<String> {
     for dimension in &seam.dimensions {
         print!(", {dimension}");
         let (Some(made), Ok(Value { value, uncertainty })) =
-            (made(truth, dimension.quantity), dimension.value)
+            (made(truth, dimension.quantity), dimension.value.clone())
         else {
             continue;
         };
@@ -78,7 +78,11 @@ fn wrong(name: &str, seam: &Seam, truth: &Truth) -> Vec<String> {
 
 fn opening(seam: &Seam) -> Value {
     let found = seam.dimensions.iter().find(|d| d.quantity == Quantity::RootOpening);
-    found.expect("every joint has a root").value.unwrap_or_else(|reason| panic!("not measured: {reason}"))
+    found
+        .expect("every joint has a root")
+        .value
+        .clone()
+        .unwrap_or_else(|reason| panic!("not measured: {reason}"))
 }
 
 /// Simulates and plans a part at low and medium noise with each opening, and holds its dimensions to the truth.

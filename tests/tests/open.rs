@@ -86,12 +86,14 @@ impl Open {
         serde_json::from_str(&self.get("state").body).unwrap()
     }
 
-    /// Waits until no plan is being made and this many have been.
+    /// Waits until no plan is being made, this many have been, and what was edited is in the last or has come to nothing.
     fn planned(&self, plans: u64) -> Value {
         let end = Instant::now() + PATIENCE;
         loop {
             let state = self.state();
-            if state["running"].is_null() && state["plan"] == plans {
+            let is_quiet = state["running"].is_null() && state["drawing"] == false;
+            let is_told = state["unplanned"] == false || !state["failure"].is_null();
+            if is_quiet && is_told && state["plan"].as_u64().is_some_and(|plan| plan >= plans) {
                 return state;
             }
             assert!(Instant::now() < end, "{state}");
@@ -294,14 +296,54 @@ fn an_edit_of_how_seams_are_welded_searches_for_none_and_a_scan_that_changed_is_
     open.replan();
     let edited_s = begun.elapsed().as_secs_f64();
     assert_eq!(times(), searched, "the search of before, to the microsecond");
-    let view = scan.join("view_000.png");
-    let bytes = std::fs::read(&view).unwrap();
-    std::thread::sleep(Duration::from_millis(20));
-    std::fs::write(&view, bytes).unwrap();
+    // A file that was written anew with what it held is the same scan; one without its last view is another.
+    let json = scan.join("scan.json");
+    let text = std::fs::read(&json).unwrap();
+    std::fs::write(&json, &text).unwrap();
+    open.replan();
+    assert_eq!(times(), searched);
+    let mut fewer: Value = serde_json::from_slice(&text).unwrap();
+    fewer["views"].as_array_mut().unwrap().pop();
+    std::fs::write(&json, fewer.to_string()).unwrap();
     let begun = Instant::now();
     open.replan();
     assert_ne!(times(), searched);
     println!("planned in {:.2} s, after an edit in {edited_s:.2} s", begun.elapsed().as_secs_f64());
+}
+
+#[test]
+fn an_edit_of_how_seams_are_welded_is_drawn_without_being_asked_for_and_a_new_search_is_not() {
+    let open = Open::new(&fixture("fillet"));
+    let first = open.planned(1);
+    let feed = |value: f64| json!({ "edit": "set", "seam": null, "key": "path.feed_mm_s", "value": value });
+    // Of edits that follow each other closely the last is drawn, and few of the others.
+    const EDITS: u64 = 20;
+    (0..EDITS).for_each(|k| drop(open.edit(feed(3.0 + 0.125 * k as f64))));
+    let state = open.planned(2);
+    let plans = state["plan"].as_u64().unwrap();
+    assert!(plans < 1 + EDITS, "{plans}");
+    assert_eq!((&state["cloud"], &state["failure"]), (&first["cloud"], &Value::Null));
+    let job = || std::fs::read_to_string(open.out().join("job.toml")).unwrap();
+    assert!(job().contains("feed_mm_s = 5.375"), "{}", job());
+
+    // The page is given the numbers of it, which are those of the report, without its points.
+    let told: Value = serde_json::from_str(&open.get("content").body).unwrap();
+    assert_eq!((&told["plan"], &told["cloud"]), (&state["plan"], &state["cloud"]));
+    assert_eq!(told["content"]["job"], job());
+    let page = open.get("").body;
+    assert!(page.contains(&format!("data-plan=\"{plans}\" data-cloud=\"{}\"", state["cloud"])));
+    assert!(told.to_string().len() * 4 < page.len());
+
+    // Undone, it is drawn as it was; and what was undone meanwhile is not drawn after all.
+    assert_eq!(open.post("undo", "{}").status, 200);
+    open.planned(plans + 1);
+    assert!(job().contains("feed_mm_s = 5.25"), "{}", job());
+    let ask = json!({ "edit": "ask", "between_mm": [[0, 0, 0], [50, 0, 0]] });
+    open.edit(ask);
+    std::thread::sleep(Duration::from_millis(600));
+    let state = open.state();
+    assert_eq!((&state["unplanned"], &state["drawing"]), (&true.into(), &false.into()), "{state}");
+    assert!(state["running"].is_null() && state["failure"].is_null(), "{state}");
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! `weldpath open` as its users see it: a browser in which seams are clicked, and the files that come of it.
 
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 use serde_json::Value;
 use weldpath::report;
@@ -27,13 +28,16 @@ fn the_bundle_of_the_editor_is_built_from_the_sources_beside_it() {
 fn the_page_that_edits_is_the_report_with_a_script_behind_it() {
     let file = "<!doctype html>\n<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'\">\n\
                 <title>a</title>\n<script type=\"application/json\">{}</script>\n<script>report()</script>\n</body>\n";
-    let page = report::editable(file, "nonce", 7).unwrap();
+    let page = report::editable(file, "nonce", report::Edition { plan: 7, cloud: 2 }).unwrap();
     assert!(!page.contains("http-equiv") && page.contains("<script nonce=\"nonce\">report()</script>"));
-    assert!(page.contains("data-plan=\"7\" id=\"editor\">") && page.ends_with("</body>\n"));
+    assert!(page.contains("data-plan=\"7\" data-cloud=\"2\" id=\"editor\">") && page.ends_with("</body>\n"));
     assert_eq!(page.matches("<script type=").count(), 1);
-    assert_eq!(report::editable("<p>no report</p>", "nonce", 1), None);
+    assert_eq!(report::editable("<p>no report</p>", "nonce", report::Edition::default()), None);
     let waiting = report::waiting("nonce");
-    assert!(!waiting.contains("{{") && waiting.contains("nonce=\"nonce\" data-plan=\"0\" id=\"editor\""));
+    assert!(
+        !waiting.contains("{{")
+            && waiting.contains("nonce=\"nonce\" data-plan=\"0\" data-cloud=\"0\" id=\"editor\"")
+    );
 }
 
 /// A cross of plates, planned in a page.
@@ -41,7 +45,6 @@ struct Page {
     _running: Running,
     home: tempfile::TempDir,
     browser: Browser,
-    plans: u32,
 }
 
 const READY: &str = "document.querySelector('#settings details') && document.getElementById('cancel').hidden";
@@ -55,17 +58,29 @@ impl Page {
             Running::start(weldpath().args(["open", input, "--no-browser"]).current_dir(home.path()));
         let address = running.wait_for(&["http://127.0.0.1:"]);
         let browser = Browser::visit(chromium, &address);
-        let mut page = Self { _running: running, home, browser, plans: 0 };
-        page.wait_for_plan();
+        let mut page = Self { _running: running, home, browser };
+        page.wait_for_plan(0);
         page
     }
 
-    /// Waits for the report of the next plan.
-    fn wait_for_plan(&mut self) {
-        self.plans += 1;
-        let number = self.plans;
-        self.browser
-            .wait_for(&format!("document.getElementById('editor').dataset.plan === '{number}' && {READY}"));
+    /// Waits until a later plan than this one is shown, and nothing is edited that is not in it.
+    fn wait_for_plan(&mut self, before: u64) {
+        let shown = format!("Number(document.getElementById('editor').dataset.plan) > {before}");
+        let planned = "document.getElementById('said').textContent.startsWith('Planned')";
+        self.browser.wait_for(&format!("{shown} && {planned} && {READY}"));
+    }
+
+    /// Number of the plan that is shown.
+    fn shown(&mut self) -> u64 {
+        let number = self.browser.evaluate("Number(document.getElementById('editor').dataset.plan)");
+        number.as_u64().unwrap()
+    }
+
+    /// Plans by key, and waits for it.
+    fn plan(&mut self) {
+        let before = self.shown();
+        self.browser.press("p", false);
+        self.wait_for_plan(before);
     }
 
     /// Waits until what was done is told.
@@ -181,8 +196,7 @@ fn seams_are_left_out_reversed_put_in_order_and_woven_by_mouse_and_keys() {
     let job = page.browser.evaluate("document.querySelector('#command pre').textContent");
     page.browser.evaluate("location.reload()");
     page.settle(&format!("document.querySelector('#command pre').textContent === {job}"));
-    page.browser.press("p", false);
-    page.wait_for_plan();
+    page.plan();
     assert!(page.text("#verdict .accepted").contains("tool-not-stated"));
     let order = page.order();
     assert_eq!(order[0], early);
@@ -215,17 +229,19 @@ fn choose(page: &mut Page, left_out: u64, reversed: u64, early: u64) {
     page.browser
         .evaluate(&format!("document.querySelector('#seams tr[data-seam=\"{left_out}\"] input').click()"));
     page.settle(&format!("!document.querySelector('#seams tr[data-seam=\"{left_out}\"] input').checked && !document.getElementById('undo').disabled"));
-    assert!(page.text("#said").contains("Edited since the last plan"));
-    page.browser.evaluate(&format!("document.querySelector('#seams tr[data-seam=\"{early}\"]').click()"));
-    for _ in 0..2 {
-        let undo = page.browser.evaluate("document.getElementById('undo').title");
-        page.browser.press("[", false);
-        let place = format!("document.querySelector('#seams tr[data-seam=\"{early}\"] .place').textContent");
-        page.settle(&format!("document.getElementById('undo').title !== {undo} || {place} === '1'"));
-    }
+    // The picture follows without being asked to.
     page.settle(&format!(
-        "document.querySelector('#seams tr[data-seam=\"{early}\"] .place').textContent === '1'"
+        "document.querySelector('#seams tr[data-seam=\"{left_out}\"]').classList.contains('off')"
     ));
+    page.browser.evaluate(&format!("document.querySelector('#seams tr[data-seam=\"{early}\"]').click()"));
+    // The shortest way through those that are left may be another: it is first when it has passed all before it.
+    let place =
+        format!("Number(document.querySelector('#seams tr[data-seam=\"{early}\"] .place').textContent)");
+    let before = page.browser.evaluate(&place).as_u64().unwrap();
+    for passed in 1..before {
+        page.browser.press("[", false);
+        page.settle(&format!("{place} === {}", before - passed));
+    }
     page.browser.evaluate(&format!("document.querySelector('#seams tr[data-seam=\"{reversed}\"]').click()"));
     page.browser.press("r", false);
     page.settle("['reverse', 'forward'].includes(document.querySelector('#settings [data-key=\"path.direction\"]').value)");
@@ -254,6 +270,63 @@ fn confirm_and_export(page: &mut Page) {
     page.browser.press("j", false);
     page.browser.evaluate("document.querySelector('#settings [data-key=\"formats.kuka\"]').click()");
     page.settle("document.querySelector('#undo').title.includes('formats')");
+}
+
+/// What is counted of a page from now on: bytes that go to the graphics card, and whether it was loaded anew.
+const COUNT: &str = "(() => {
+    const gl = weldpath.scene.renderer.getContext();
+    const send = gl.bufferData.bind(gl);
+    globalThis.sent = { bytes: 0, model: weldpath.scene.groups.model };
+    gl.bufferData = (target, data, use) => { sent.bytes += data.byteLength ?? data; send(target, data, use); };
+    return true;
+})()";
+
+#[test]
+fn an_edit_is_seen_at_once_in_the_same_page_without_its_cloud_being_sent_again() {
+    let Some(chromium) = browser::chromium() else { return };
+    let mut page = Page::open(&chromium, "scan");
+    let seam = page.order()[0];
+    page.browser.evaluate(&format!("document.querySelector('#seams tr[data-seam=\"{seam}\"]').click()"));
+    page.browser.evaluate(COUNT);
+    let points = page.browser.evaluate("sent.model.geometry.attributes.position.count").as_u64().unwrap();
+    let welded = "weldpath.content.waypoints.filter((w) => w[9] === 'weld').length";
+    let before = page.browser.evaluate(welded).as_u64().unwrap();
+    let camera = "weldpath.scene.camera.position.toArray().join()";
+    page.browser.evaluate("weldpath.scene.turn(0.3, 0.1)");
+    let stood = page.browser.evaluate(camera);
+    let first = page.shown();
+    let begun = Instant::now();
+    page.set("weave.shape", "sine");
+    page.settle(&format!("5 * {welded} > 6 * {before}"));
+    println!("an edit is in the picture after {:.0?}, the wait for another among it", begun.elapsed());
+    page.wait_for_plan(first);
+    assert_eq!(page.browser.evaluate("sent.model === weldpath.scene.groups.model"), true, "the page stayed");
+    assert_eq!(page.browser.evaluate(camera), stood, "and so does who looks");
+    assert_eq!(page.browser.evaluate("weldpath.state.seam").as_u64(), Some(seam));
+    let sent = page.browser.evaluate("sent.bytes").as_u64().unwrap();
+    assert!(sent > 0 && sent < 12 * points, "{sent} bytes for {points} points");
+    // The way of the torch is that of the files, and the boxes beside the seams are there once.
+    let rows = std::fs::read_to_string(page.home.path().join("out/path.csv")).unwrap().lines().count() - 1;
+    assert_eq!(page.browser.evaluate(welded).as_u64(), Some(rows as u64));
+    let once = "[...document.querySelectorAll('#seams tr[data-seam]')].every((row) => row.querySelectorAll('.tick').length === 1)
+        && document.querySelectorAll('#verdict [data-reason=\"tool-not-stated\"]').length === 1";
+    assert_eq!(page.browser.evaluate(once), true);
+    // Who works by keys stays where he was, though the list is made anew.
+    page.browser.evaluate(
+        "(() => { const box = document.querySelector('#verdict [data-reason=\"tool-not-stated\"]'); box.focus(); box.click(); })()",
+    );
+    page.settle("document.querySelector('#verdict .accepted')");
+    assert_eq!(page.browser.evaluate("document.activeElement.dataset.reason"), "tool-not-stated");
+    // Nothing of the lines before stays on the card.
+    let kept = "weldpath.scene.renderer.info.memory.geometries";
+    let count = page.browser.evaluate(kept);
+    for feed in ["4", "5", "6"] {
+        let shown = page.shown();
+        page.set("path.feed_mm_s", feed);
+        page.wait_for_plan(shown);
+    }
+    page.settle(&format!("{kept} === {count}"));
+    assert!(page.browser.console().is_empty(), "{:?}", page.browser.console());
 }
 
 /// `plan --job` makes the files that the page made.
@@ -345,8 +418,7 @@ fn a_seam_is_asked_for_by_clicks_and_the_page_says_what_is_there() {
     page.picture("asking");
     page.browser.press("Enter", false);
     page.settle("document.getElementById('undo').title.includes('add a seam')");
-    page.browser.press("p", false);
-    page.wait_for_plan();
+    page.plan();
     assert_eq!(page.order().len(), seams, "the seam is there anyway");
     let said = [page.text("#verdict"), page.text("#warnings")].join("\n");
     assert!(said.contains("is there without asking"), "{said}");

@@ -33,6 +33,9 @@ pub(super) struct Args {
     /// Read nothing that would take more memory than this [default: half of the machine's]
     #[arg(long, value_name = "MB", value_parser = clap::value_parser!(u64).range(input::memory::LEAST_MB..))]
     memory_mb: Option<u64>,
+    /// Seek all seams anew, and keep nothing of it in DIR
+    #[arg(long)]
+    no_cache: bool,
     /// Only print the address
     #[arg(long)]
     no_browser: bool,
@@ -59,7 +62,8 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     Folder::new(&out, args.folder, false).given(given.as_deref()).check(plan::CERTAIN)?;
     let out = std::path::absolute(&out).map_err(|error| Failure::new(Exit::Output, error))?;
     let overwrite = args.folder.overwrite();
-    let workplace = Workplace { out, given, overwrite, allow_outside: args.allow_outside };
+    let (allow_outside, keeps) = (args.allow_outside, !args.no_cache);
+    let workplace = Workplace { out, given, overwrite, allow_outside, keeps };
     let announce = |address: &str, ticket: &str| announce(address, (!args.no_browser).then_some(ticket));
     server::open(job, workplace, announce)
         .map_err(|error| Failure::new(Exit::Output, format!("the page cannot be served: {error}")))

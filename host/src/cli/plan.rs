@@ -3,9 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use weldpath::files::{File, reading};
-use weldpath::output::summary::Source;
+use weldpath::input;
 use weldpath::output::verdict::{Reason, ReasonId, State};
-use weldpath::pipeline::{self, Observer, Plan};
+use weldpath::pipeline;
+use weldpath::report;
 use weldpath::robot::dialect::Dialect;
 use weldpath::robot::dialect::moves::TooLong;
 use weldpath::run::job::ask::AskSettings;
@@ -17,16 +18,15 @@ use weldpath::run::job::robot::{RobotSettings, TorchBodySettings};
 use weldpath::run::job::scan::AnchorName;
 use weldpath::run::job::touch::TouchSettings;
 use weldpath::run::job::{Formats, Job, MethodName, Sequence};
-use weldpath::run::planning;
+use weldpath::run::planning::{self, Kept};
 use weldpath::run::postprocessing;
 use weldpath::run::postprocessing::{Output, postprocess};
 use weldpath::run::selection;
-use weldpath::{input, report};
 
 use super::folder::{Folder, FolderArgs};
 use super::progress::Progress;
 use super::weld::WeldArgs;
-use super::{Exit, Failure, print, table, whole};
+use super::{Exit, Failure, print, table, tell, whole};
 
 /// Plan the torch paths of all seams in a scan
 ///
@@ -155,6 +155,9 @@ pub(super) struct Args {
     /// Write no report.html and report.svg
     #[arg(long)]
     no_report: bool,
+    /// Seek all seams anew, and keep nothing of it in DIR for a plan of the same scan
+    #[arg(long)]
+    no_cache: bool,
 }
 
 /// Files that every plan writes, whatever it finds.
@@ -166,25 +169,34 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let folder = Folder::new(&args.out, args.folder, args.quiet).given(args.job.as_deref());
     folder.check(CERTAIN)?;
     let mut progress = Progress::new(args.quiet, args.dump_stages, !args.no_report);
-    let result = plan(&job, args.allow_outside, &mut progress);
+    // The clouds after each stage are kept nowhere: the stages have to be gone through.
+    let kept = if args.no_cache || args.dump_stages { Kept::default() } else { Kept::within(&args.out) };
+    let result = planning::find(&job, args.allow_outside, &kept, &mut progress, Progress::take_recording);
+    let is_kept = !progress.has_begun();
     let (stages, recording) = progress.finish();
-    let (plan, source) = match result {
-        Ok(planned) => planned,
-        Err(failure) => {
+    let found = match result {
+        Ok(found) => found,
+        Err(error) => {
+            let failure = not_found(error);
             let seen = recording.map(|r| report::without_seams(&r, &job, &failure.message));
             return keep_seen(&folder, stages, seen.unwrap_or_default()).and(Err(failure));
         }
     };
-    let mut output = postprocess(&plan, &job, source.clone()).map_err(not_written_out)?;
+    let (plan, source) = (&found.plan, planning::source(&found.scan, &job));
+    let mut output = postprocess(plan, &job, source.clone()).map_err(not_written_out)?;
     output.files.extend(stages);
-    if let Some(recording) = recording {
-        output.files.extend(report::files(&plan, &output, &recording, &job));
+    if let Some(seen) = found.seen.as_ref().filter(|_| !args.no_report) {
+        output.files.extend(report::files(plan, &output, seen, &job));
     }
     folder.write(&output.files)?;
+    kept.save();
     match (args.quiet, args.json) {
         (true, _) => {}
         (_, true) => print(&output.summary.to_json())?,
-        _ => print(&table::result(&plan, &output, &source, &args.out))?,
+        _ => print(&table::result(plan, &output, &source, &args.out))?,
+    }
+    if is_kept && !args.quiet {
+        tell("note: the seams are those that were found in this scan before; --no-cache seeks them anew");
     }
     refused(&output)
 }
@@ -356,11 +368,11 @@ fn absolute(path: &Path, hint: &str) -> Result<PathBuf, Failure> {
     Ok(path)
 }
 
-fn plan(job: &Job, allow_outside: bool, progress: &mut Progress) -> Result<(Plan, Source), Failure> {
-    progress.stage("scan");
-    let scan = planning::read(job, allow_outside).map_err(|error| Failure::new(Exit::Input, error))?;
-    let plan = planning::plan(&scan, job, progress).map_err(not_planned)?;
-    Ok((plan, planning::source(&scan, job)))
+fn not_found(error: planning::Error) -> Failure {
+    match error {
+        planning::Error::Input(error) => Failure::new(Exit::Input, error),
+        planning::Error::Plan(error) => not_planned(error),
+    }
 }
 
 /// What led to no plan is what one wants to look at most.

@@ -18,6 +18,7 @@ pub(super) struct Progress {
     began: Instant,
     stages: Option<Vec<File>>,
     recording: Option<Recording>,
+    has_begun: bool,
 }
 
 impl Progress {
@@ -25,7 +26,17 @@ impl Progress {
     pub(super) fn new(quiet: bool, dump_stages: bool, report: bool) -> Self {
         let bar = bar(quiet, 100, "{bar:24} {elapsed:>4} {msg}");
         let recording = report.then(Recording::default);
-        Self { bar, began: Instant::now(), stages: dump_stages.then(Vec::new), recording }
+        Self { bar, began: Instant::now(), stages: dump_stages.then(Vec::new), recording, has_begun: false }
+    }
+
+    /// Whether a stage has begun.
+    pub(super) fn has_begun(&self) -> bool {
+        self.has_begun
+    }
+
+    /// Hands over what the report shows, if one is wanted.
+    pub(super) fn take_recording(&mut self) -> Option<Recording> {
+        self.recording.as_mut().map(std::mem::take)
     }
 
     /// Takes the bar away and hands over the collected clouds, and what the report shows.
@@ -57,6 +68,7 @@ pub(super) fn bar(quiet: bool, length: u64, template: &str) -> ProgressBar {
 
 impl Observer for Progress {
     fn stage(&mut self, name: &'static str) {
+        self.has_begun = true;
         // A finer scale begins some stages again: the bar does not go back.
         let usual = PASSED.iter().find(|(stage, _)| *stage == name).map_or(0, |(_, percent)| *percent);
         let passed = usual.max(self.bar.position());

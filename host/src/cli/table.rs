@@ -175,7 +175,11 @@ mod tests {
             base_frame: None,
             camera: None,
             touch: None,
-            derived: vec![Derived { name: "voxel_mm", value: 0.8, how: "twice the mean spacing".into() }],
+            derived: vec![Derived {
+                name: "voxel_mm".into(),
+                value: 0.8,
+                how: "twice the mean spacing".into(),
+            }],
             stage_s: vec![],
             orientation_assumed: false,
             unmet: Vec::new(),

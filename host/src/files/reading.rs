@@ -3,7 +3,6 @@
 use std::fs;
 use std::io::{self, Read};
 use std::path::Path;
-use std::time::SystemTime;
 
 /// The most that a job file may be, bytes.
 pub const MOST_JOB: u64 = 1 << 20;
@@ -23,6 +22,33 @@ pub fn bytes(path: &Path, most: u64) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
+/// Bytes of a file that are handed over at a time.
+const PIECE_BYTES: usize = 1 << 17;
+
+/// Hands the bytes of a regular file over, piece by piece; whether it is there.
+///
+/// # Errors
+/// What the system says, or that it is no regular file: a pipe would block, and could not be read again.
+pub fn pieces(path: &Path, mut take: impl FnMut(&[u8])) -> io::Result<bool> {
+    // Asked before it is opened: opening a pipe would block.
+    match fs::metadata(path) {
+        Ok(there) if there.is_file() => {}
+        Ok(_) => return Err(io::ErrorKind::InvalidInput.into()),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(false),
+        Err(error) => return Err(error),
+    }
+    let mut file = fs::File::open(path)?;
+    let mut piece = vec![0; PIECE_BYTES];
+    loop {
+        match file.read(&mut piece) {
+            Ok(0) => return Ok(true),
+            Ok(read) => take(&piece[..read]),
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+            Err(error) => return Err(error),
+        }
+    }
+}
+
 /// The text of a file or a pipe, at most `most` bytes of it.
 ///
 /// # Errors
@@ -31,19 +57,6 @@ pub fn text(path: &Path, most: u64) -> io::Result<String> {
     String::from_utf8(bytes(path, most)?).map_err(|error| {
         io::Error::other(format!("byte {} is no text (UTF-8)", error.utf8_error().valid_up_to()))
     })
-}
-
-/// What tells that a file was written anew: its length, and when.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Stamp {
-    bytes: u64,
-    modified: SystemTime,
-}
-
-/// The stamp of a file as it is now; none if the system does not tell.
-pub fn stamp(path: &Path) -> Option<Stamp> {
-    let data = fs::metadata(path).ok()?;
-    Some(Stamp { bytes: data.len(), modified: data.modified().ok()? })
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 use crate::geometry::mesh::Mesh;
 use nalgebra::{Isometry3, Point3, Vector3};
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
 /// What the camera saw from one pose.
@@ -32,7 +33,7 @@ impl View {
 }
 
 /// Points with unit normals, in the base frame, relative to a local origin so that `f32` is enough anywhere.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct PointCloud {
     /// Origin of `points_mm` in the base frame, mm.
     pub origin_mm: Point3<f64>,

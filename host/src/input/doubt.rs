@@ -1,7 +1,9 @@
 //! What a scan says of itself that cannot well be true, and whose frame its coordinates are in.
 
+use serde::{Deserialize, Serialize};
+
 /// Whose frame the coordinates of a scan are in.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub enum CloudFrame {
     /// The robot's base: the poses of the views are the robot's.
     Base,
@@ -24,7 +26,7 @@ impl CloudFrame {
 }
 
 /// What is doubtful about a scan.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum DoubtKind {
     /// The unit of positions.
     Units,
@@ -37,7 +39,7 @@ pub enum DoubtKind {
 }
 
 /// A doubt in words; the same words are among the scan's warnings.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Doubt {
     /// About what.
     pub kind: DoubtKind,

@@ -19,12 +19,14 @@ use crate::geometry::cloud::View;
 
 /// Bytes of a trajectory at most: poses of a camera that ran for hours.
 const MOST_BYTES: u64 = 16 << 20;
+/// Folder of the images, where they do not lie beside the trajectory.
+pub(super) const IMAGES: &str = "depth";
 const HELP: &str = "Write a scan.json that names the views and their poses, or give one file";
 
 /// Reads the depth images of `folder` (or of its `depth/`) with the trajectory beside them.
 pub(super) fn read_folder(folder: &Path, options: &Options) -> Result<Scan, Error> {
     let images = match sorted(folder, &["png"])? {
-        images if images.is_empty() => sorted(&folder.join("depth"), &["png"]).unwrap_or_default(),
+        images if images.is_empty() => sorted(&folder.join(IMAGES), &["png"]).unwrap_or_default(),
         images => images,
     };
     if images.is_empty() {

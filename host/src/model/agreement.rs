@@ -15,6 +15,7 @@ pub use hand_eye::HandEyeError;
 use nalgebra::{Isometry3, Point3};
 use rayon::prelude::*;
 pub use report::ViewReport;
+use serde::{Deserialize, Serialize};
 use sight::{DepthMap, Sight};
 use std::borrow::Cow;
 
@@ -59,7 +60,7 @@ pub struct LeftOut {
 }
 
 /// What is wrong with a view.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum Misfit {
     /// The same image as that of another view.
     Repeated {

@@ -17,6 +17,7 @@ pub use calibration::Calibration;
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix5, Matrix6, Point3, SMatrix, Vector3, Vector6};
 pub use prior::{Anchor, CellAccuracy};
 use prior::{DEPTH_SCALE, Prior, SHARED};
+use serde::{Deserialize, Serialize};
 
 /// Standard deviations beyond which one number is significant.
 const SIGNIFICANT_SIGMA: f64 = 3.0;
@@ -31,7 +32,7 @@ const LOOSE_FREEDOM: f64 = 9.0;
 const SIGNIFICANT_CAMERA: f64 = 11.8;
 
 /// What the views say of the cell.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct BaseFrame {
     /// How far the camera is from where the hand-eye transform puts it.
     pub hand_eye: HandEyeCorrection,
@@ -46,7 +47,7 @@ pub struct BaseFrame {
 }
 
 /// Motion of the camera on the flange.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct HandEyeCorrection {
     /// To be multiplied to the stated `flange_from_camera` from the right; mm.
     pub camera_from_corrected: Isometry3<f64>,
@@ -74,7 +75,7 @@ const TOLD_SHARE: f64 = 0.25;
 const SETTLED_CAMERA: f64 = 5.0;
 
 /// What the views say of the camera's own errors.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CameraFinding {
     /// As far as they are not taken out yet.
     pub errors: CameraErrors,

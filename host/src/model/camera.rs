@@ -12,6 +12,7 @@ use nalgebra::{
     Vector6,
 };
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 /// One standard deviation of what a camera's own calibration leaves, where nobody states it: depth scale 0.2 %, of the order
@@ -21,7 +22,7 @@ use std::collections::BTreeMap;
 const USUAL: [f64; 5] = [0.002, 0.005, 0.005, 0.005, 0.02];
 
 /// How far a camera is from what its intrinsics say.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct CameraErrors {
     /// Depths are too large by this share.
     pub depth_scale: f64,

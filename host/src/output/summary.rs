@@ -1,5 +1,7 @@
 //! `summary.json`: what was found, how, and how far to trust it. Schema: `docs/formats.md`.
 
+use std::borrow::Cow;
+
 use serde::Serialize;
 
 use super::base_frame::BaseFrameSummary;
@@ -72,7 +74,7 @@ struct TouchRow {
 
 #[derive(Debug, Serialize)]
 struct Parameter {
-    name: &'static str,
+    name: Cow<'static, str>,
     value: Option<f64>,
     how: String,
 }
@@ -129,7 +131,7 @@ struct Measured {
     name: &'static str,
     value: Option<f64>,
     uncertainty: Option<f64>,
-    reason: Option<&'static str>,
+    reason: Option<Cow<'static, str>>,
 }
 
 /// A stretch of a seam that should be scanned again, and from where.
@@ -155,7 +157,7 @@ struct TackSummary {
 
 #[derive(Debug, Serialize)]
 struct Stage {
-    name: &'static str,
+    name: Cow<'static, str>,
     time_s: f64,
 }
 
@@ -183,7 +185,11 @@ impl Summary {
             seams: plan.seams.iter().map(|seam| seam_summary(seam, lines, paths, up)).collect(),
             coverage: plan.coverage.iter().map(stretch).collect(),
             tacks: plan.tacks.iter().map(tack).collect(),
-            stages: plan.stage_s.iter().map(|&(name, time_s)| Stage { name, time_s }).collect(),
+            stages: plan
+                .stage_s
+                .iter()
+                .map(|(name, time_s)| Stage { name: name.clone(), time_s: *time_s })
+                .collect(),
             feasibility: None,
             warnings,
         }
@@ -224,7 +230,7 @@ impl Summary {
 }
 
 fn parameter(derived: &Derived) -> Parameter {
-    Parameter { name: derived.name, value: finite(derived.value), how: derived.how.clone() }
+    Parameter { name: derived.name.clone(), value: finite(derived.value), how: derived.how.clone() }
 }
 
 fn view(report: &ViewReport) -> View {
@@ -312,7 +318,7 @@ fn measured(dimension: &Dimension) -> Measured {
         name: dimension.quantity.name(),
         value: value.and_then(|v| finite(v.value)),
         uncertainty: value.and_then(|v| finite(v.uncertainty)),
-        reason: dimension.value.as_ref().err().copied(),
+        reason: dimension.value.as_ref().err().cloned(),
     }
 }
 

@@ -110,7 +110,7 @@ impl Background {
     pub(super) fn derived(&self) -> Derived {
         let how =
             format!("{DEVIATIONS} x rms between the voxels of the background and those of the scan on it");
-        Derived { name: "background_mm", value: f64::from(self.half_mm), how }
+        Derived { name: "background_mm".into(), value: f64::from(self.half_mm), how }
     }
 }
 

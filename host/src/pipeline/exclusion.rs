@@ -154,7 +154,7 @@ impl<'a> Scene<'a> {
     /// What was left out, for the summary.
     pub(super) fn derived(&self) -> Vec<Derived> {
         let count: usize = self.counts.iter().sum();
-        let row = |how| Derived { name: "excluded_points", value: count as f64, how };
+        let row = |how| Derived { name: "excluded_points".into(), value: count as f64, how };
         self.words().map(row).into_iter().chain(self.background.as_ref().map(Background::derived)).collect()
     }
 

@@ -13,6 +13,7 @@ use crate::geometry::statistics::median;
 use crate::model::downsampling::Scale;
 use crate::seam::{Seam, Station};
 use nalgebra::{Matrix3, Point3, Vector3};
+use serde::{Deserialize, Serialize};
 use std::ops::RangeInclusive;
 
 /// A shorter corner does not tell its own line from a tack's, mm.
@@ -53,7 +54,7 @@ const SEARCHES: usize = 3;
 const OF_SEAM_MM: f64 = 3.0;
 
 /// A tack on a seam.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Tack {
     /// The seam's number.
     pub seam: usize,

@@ -8,6 +8,7 @@
 use super::{CellAccuracy, Plan};
 use crate::seam::{Seam, Station};
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Matrix6, Point3, Vector3, Vector6};
+use serde::{Deserialize, Serialize};
 
 /// A place that the tip touched.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -21,7 +22,7 @@ pub struct Touch {
 }
 
 /// What touches made of a plan.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Touched {
     /// From the plan as it was to the plan as it was touched, mm.
     pub base_from_planned: Isometry3<f64>,
@@ -39,7 +40,7 @@ pub struct Touched {
 }
 
 /// How far a touch is from its seam, across it.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Residual {
     /// [`Seam::id`].
     pub seam: usize,

@@ -1,9 +1,9 @@
 //! Histograms for the page: equal bins, with marks such as a threshold.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// Counts of values between two bounds; what lies beyond is counted in the outermost bins.
-#[derive(Debug, Clone, Default, Serialize)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(super) struct Histogram {
     low: f64,
     high: f64,

@@ -11,6 +11,9 @@ const STYLE: &str = include_str!("web/style.css");
 /// Built from `web/src` and three.js by `web/build.sh`.
 const SCRIPT: &str = include_str!("web/dist/report.js");
 
+/// Where the numbers stand.
+#[cfg(feature = "open")]
+const CONTENT: [&str; 2] = ["<script type=\"application/json\" id=\"content\">", "</script>"];
 /// Where the deviation from the truth stands.
 const DEVIATION: [&str; 2] = ["<script type=\"application/json\" id=\"deviation\">", "</script>"];
 
@@ -52,9 +55,20 @@ const WAITING: &str = include_str!("web/editor/waiting.html");
 #[cfg(feature = "open")]
 const POLICY: [&str; 2] = ["<meta http-equiv=\"Content-Security-Policy\" content=\"", "\">\n"];
 
-/// A report as the page that edits the job of plan `number`; scripts carry `nonce`. None if `page` is no report.
+/// Which plan a page shows, and which cloud: a plan of the same cloud can take its place without a new one.
 #[cfg(feature = "open")]
-pub fn editable(page: &str, nonce: &str, number: u64) -> Option<String> {
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Edition {
+    /// Of the plan, counted from 1.
+    pub plan: u64,
+    /// Of the cloud, counted from 1.
+    pub cloud: u64,
+}
+
+/// A report as the page that edits its job; scripts carry `nonce`. None if `page` is no report.
+#[cfg(feature = "open")]
+pub fn editable(page: &str, nonce: &str, edition: Edition) -> Option<String> {
+    let Edition { plan, cloud } = edition;
     let (before, rest) = page.split_once(POLICY[0])?;
     let (_, rest) = rest.split_once(POLICY[1])?;
     // Data cannot begin an element: the last script is the report's own.
@@ -63,8 +77,16 @@ pub fn editable(page: &str, nonce: &str, number: u64) -> Option<String> {
     let [style, editor] = EDITOR;
     Some(format!(
         "{before}{markup}<style>{style}</style>\n<script nonce=\"{nonce}\">{script}\
-         <script nonce=\"{nonce}\" data-plan=\"{number}\" id=\"editor\">{editor}</script>\n</body>{end}"
+         <script nonce=\"{nonce}\" data-plan=\"{plan}\" data-cloud=\"{cloud}\" id=\"editor\">{editor}</script>\n</body>{end}"
     ))
+}
+
+/// The numbers of a report, JSON: everything but its points. None if `page` is no report.
+#[cfg(feature = "open")]
+pub fn numbers(page: &str) -> Option<&str> {
+    let (_, rest) = page.split_once(CONTENT[0])?;
+    // Inside there is no `<`.
+    rest.split_once(CONTENT[1]).map(|(numbers, _)| numbers)
 }
 
 /// The page that waits for the first plan.
@@ -111,6 +133,15 @@ mod tests {
         assert!(!page.contains("<img src=x"));
         let page = with_deviation(&page, &json).unwrap();
         assert!(!page.contains("<img src=x"));
+    }
+
+    #[cfg(feature = "open")]
+    #[test]
+    fn the_numbers_of_a_page_are_those_that_were_put_in() {
+        let json = serde_json::json!({ "title": "</script><b>", "n": 1.5 });
+        let page = page("t", &json.to_string(), &[1, 2, 3]);
+        assert_eq!(serde_json::from_str::<serde_json::Value>(numbers(&page).unwrap()).unwrap(), json);
+        assert_eq!(numbers("<p>no report</p>"), None);
     }
 
     #[test]

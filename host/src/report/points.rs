@@ -5,7 +5,7 @@
 //! coordinates, edge intensity with [`INTENSITY_FULL`] at 255, and the view.
 
 use nalgebra::{Point3, Vector3};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// Edge intensity that fills the byte; few corners reach it.
 pub(super) const INTENSITY_FULL: f32 = 0.5;
@@ -24,7 +24,7 @@ const POINT_BYTES: usize = 12;
 const NOT_MOVED: f32 = 32_768.0;
 
 /// A point to be packed; positions are relative to the layer's origin.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 pub(super) struct Sample {
     pub(super) position_mm: Point3<f32>,
     pub(super) normal: Vector3<f32>,
@@ -34,7 +34,7 @@ pub(super) struct Sample {
 }
 
 /// Box in which positions are quantised, mm, relative to an origin in the base frame.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 pub(super) struct Frame {
     pub(super) origin_mm: Point3<f64>,
     pub(super) low_mm: Point3<f32>,

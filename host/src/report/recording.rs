@@ -10,6 +10,7 @@ use crate::geometry::grid::Grid;
 use crate::pipeline::Evidence;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 use weldpath_core::seam::RatioThreshold;
 
 /// Most points of the model and of the raw scan in the page.
@@ -27,7 +28,7 @@ const FARTHEST_CAMERA_MM: f32 = 2e4;
 const RATIO_HIGH: f64 = 120.0;
 
 /// What the page shows of a run beyond its plan.
-#[derive(Debug, Default)]
+#[derive(Debug, Default, Serialize, Deserialize)]
 pub struct Recording {
     pub(super) clouds: Option<Clouds>,
     /// Positions of the cameras, mm, base frame; empty if they are unknown.
@@ -40,7 +41,7 @@ pub struct Recording {
 }
 
 /// Thinned clouds, and of how many points they are a sample.
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Clouds {
     pub(super) frame: Frame,
     pub(super) model: Vec<Sample>,

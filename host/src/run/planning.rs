@@ -1,16 +1,27 @@
 //! The scan of a job, read and planned: the one way that the command and the page that edits a job both take.
+//!
+//! [`find`] does what has to be done, and no more: an edit of how seams are welded leaves what is read and what the pipeline is
+//! told as they are, and then neither is done again.
+
+mod reading;
+mod search;
 
 use std::path::Path;
 use std::sync::Arc;
 
-use crate::geometry::cloud::View;
-use crate::input::{self, CloudFrame, Scan};
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+
+use crate::input::{self, Scan};
 use crate::output::summary::Source;
-use crate::pipeline::touch::{self, Touch};
-use crate::pipeline::{self, Observer, Plan, PlanError};
+use crate::pipeline::{Observer, Plan, PlanError};
 use crate::run::job::Job;
-use crate::run::job::touch::TouchSettings;
+use crate::run::kept::{Shelf, content};
 use crate::run::verdict;
+
+use reading::Reading;
+pub use reading::read;
+pub use search::Search;
 
 /// Share of the time, in percent, that has usually passed when a stage begins, measured on the fixtures: a stage at a time
 /// says little about when it is over.
@@ -24,79 +35,114 @@ pub const PASSED: [(&str, u64); 7] = [
     ("toolpath", 99),
 ];
 
-/// Said of a scan whose cameras nobody knows.
-const UNUSED_CALIBRATION: &str =
-    "the calibration is not used: nothing says where the camera was, or that the coordinates are the robot's";
-
-/// Reads the input that the job names, and what was there before.
-///
-/// # Errors
-/// If there is no input, one of them cannot be read, or both are not in one frame.
-pub fn read(job: &Job, allow_outside: bool) -> Result<Scan, input::Error> {
-    let options = input::Options {
-        units: job.units,
-        intrinsics: job.intrinsics,
-        depth_scale_m: job.depth_scale_m.map(|scale| scale.get()),
-        camera_mm: job.camera_mm,
-        frame: job.frame,
-        allow_outside,
-    };
-    let scan = input::read(job.input.as_deref().unwrap_or(Path::new(".")), &options)?;
-    let Some(background) = &job.exclude.background else { return Ok(scan) };
-    // What is said of the work's cloud is not said of another.
-    let options = input::Options { camera_mm: None, frame: None, ..options };
-    scan.over(input::read(background, &options)?)
-}
-
 /// All seams of a scan, as the job says they are found.
 ///
 /// # Errors
 /// If there is none, or the observer wants no more.
 pub fn plan(scan: &Scan, job: &Job, observer: &mut impl Observer) -> Result<Plan, PlanError> {
-    let mut config = job.pipeline();
-    if scan.frame != CloudFrame::Base {
-        // Coordinates that are not the robot's have no error in its base frame.
-        config.anchor = None;
-    }
-    let calibrated = config.calibration.is_some() && scan.frame == CloudFrame::Base;
-    let unused = (config.calibration.is_some() && !calibrated).then(|| UNUSED_CALIBRATION.to_owned());
-    if !calibrated {
-        config.calibration = None;
-    }
-    config.exclusion.background = Arc::clone(&scan.background);
-    let mut plan = pipeline::plan(&scan.views, &config, observer)?;
-    if !job.touches.is_empty() {
-        plan = touched(&plan, scan, job, &config, observer)?;
-    }
-    plan.warnings.splice(0..0, scan.warnings.iter().cloned().chain(unused));
-    verdict::lower_confidence(&mut plan, scan, job);
-    Ok(plan)
+    Search::new(job, scan.frame).run(scan, observer)
 }
 
-/// The plan of the same scan where the tip touched it: all poses are moved, and it is planned anew, so that everything which
-/// hangs on places says the same.
-fn touched(
-    plan: &Plan,
-    scan: &Scan,
-    job: &Job,
-    config: &pipeline::Config,
-    observer: &mut impl Observer,
-) -> Result<Plan, PlanError> {
-    if scan.frame == CloudFrame::Camera {
-        return Err(touch::Error::NoBaseFrame.into());
+/// What was found in a scan.
+#[derive(Debug, Serialize, Deserialize)]
+pub struct Searched<R> {
+    /// What was read, without its points.
+    pub scan: Scan,
+    /// Its seams.
+    pub plan: Plan,
+    /// What an observer saw of it; none if nobody wanted to.
+    pub seen: Option<R>,
+}
+
+/// What earlier plans read and found.
+#[derive(Debug)]
+pub struct Kept<R> {
+    readings: Shelf<Reading>,
+    plans: Shelf<Searched<R>>,
+}
+
+impl<R> Default for Kept<R> {
+    fn default() -> Self {
+        Self { readings: Shelf::in_memory(), plans: Shelf::in_memory() }
     }
-    let touches: Vec<Touch> = job.touches.iter().map(TouchSettings::touch).collect();
-    let touched = touch::fit(plan, &touches)?;
-    let moved = |view: &View| View {
-        base_from_camera: touched.base_from_planned * view.base_from_camera,
-        ..view.clone()
-    };
-    let views: Vec<View> = scan.views.iter().map(moved).collect();
-    let mut config = config.clone();
-    config.exclusion.background = scan.background.iter().map(moved).collect();
-    let mut plan = pipeline::plan(&views, &config, observer)?;
-    touched.settle(&mut plan);
-    Ok(plan)
+}
+
+impl<R> Kept<R> {
+    /// What is kept in a folder of results, too, from one run of the program to the next.
+    pub fn within(results: &Path) -> Self {
+        Self { readings: Shelf::within(results, "scan"), plans: Shelf::within(results, "plan") }
+    }
+}
+
+impl<R: Record> Kept<R> {
+    /// Puts on the disk what is not there yet, if it is kept there: when the files of the run are written.
+    pub fn save(&self) {
+        self.readings.save();
+        self.plans.save();
+    }
+}
+
+/// What an observer saw of a search, and can be kept on a disk.
+pub trait Record: Serialize + DeserializeOwned {}
+impl<R: Serialize + DeserializeOwned> Record for R {}
+
+/// Why nothing was found.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The input cannot be read.
+    #[error(transparent)]
+    Input(#[from] input::Error),
+    /// There is no plan.
+    #[error(transparent)]
+    Plan(#[from] PlanError),
+}
+
+/// What is kept of the same job on the same files, if there is any: nothing is read or sought.
+pub fn kept<R: Record>(job: &Job, allow_outside: bool, kept: &Kept<R>) -> Option<Arc<Searched<R>>> {
+    let reading = kept.readings.get(reading::key(job, allow_outside))?;
+    let (frame, content) = reading.from(reading::files_now(job, Some(&reading)))?;
+    kept.plans.get(Search::new(job, frame).key(content))
+}
+
+/// Reads the scan of a job and finds its seams, or takes what is kept of the same: then no stage begins. `seen` is what the
+/// observer saw of the search; a plan of which it saw nothing is not kept.
+///
+/// # Errors
+/// If the scan cannot be read, has no seam, or the observer wants no more.
+pub fn find<R: Record, O: Observer>(
+    job: &Job,
+    allow_outside: bool,
+    kept: &Kept<R>,
+    observer: &mut O,
+    seen: impl FnOnce(&mut O) -> Option<R>,
+) -> Result<Arc<Searched<R>>, Error> {
+    let key = reading::key(job, allow_outside);
+    let earlier = kept.readings.get(key);
+    let files = reading::files_now(job, earlier.as_deref());
+    if let Some((frame, content)) = earlier.and_then(|reading| reading.from(files)) {
+        let search = Search::new(job, frame);
+        if let Some(found) = kept.plans.get(search.key(content)) {
+            return Ok(found);
+        }
+    }
+    observer.stage("scan");
+    let scan = read(job, allow_outside)?;
+    let content = content::of_scan(&scan);
+    kept.readings.put(key, &Arc::new(Reading::new(job, &scan, content, files)));
+    let search = Search::new(job, scan.frame);
+    let key = search.key(content);
+    // Files that were written anew, or lie elsewhere in the folder, and say the same.
+    if let Some(found) = kept.plans.get(key) {
+        return Ok(found);
+    }
+    let plan = search.run(&scan, observer)?;
+    let scan = Scan { views: Vec::new(), background: Arc::default(), ..scan };
+    let found = Arc::new(Searched { scan, plan, seen: seen(observer) });
+    // Who saw nothing of the search would keep from others what they want to see.
+    if found.seen.is_some() {
+        kept.plans.put(key, &found);
+    }
+    Ok(found)
 }
 
 /// What the files of a run say about its input.
@@ -108,26 +154,4 @@ pub fn source(scan: &Scan, job: &Job) -> Source {
         notes: scan.notes.clone(),
         findings: verdict::of_scan(scan, job),
     }
-}
-
-/// Whether both jobs find the same seams in the same scan: what they differ by is only what is made of these.
-pub fn finds_the_same(a: &Job, b: &Job) -> bool {
-    let search = |job: &Job| {
-        let Job {
-            input,
-            units,
-            intrinsics,
-            depth_scale_m,
-            camera_mm,
-            frame,
-            method,
-            ratio_threshold,
-            scan,
-            exclude,
-            ..
-        } = job.clone();
-        let read = (input, units, intrinsics, depth_scale_m, camera_mm, frame);
-        (read, method, ratio_threshold, scan, exclude, job.touches.clone(), job.asks.clone())
-    };
-    search(a) == search(b)
 }

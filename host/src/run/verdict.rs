@@ -62,8 +62,8 @@ const DISCREDITING: &[ReasonId] = &[
 const DISCREDITED_CONFIDENCE: f64 = 0.015;
 
 /// A seam is not surer than the scan that it stands on, whatever the job accepts.
-pub fn lower_confidence(plan: &mut Plan, scan: &Scan, job: &Job) {
-    let mut found = of_scan(scan, job);
+pub fn lower_confidence(plan: &mut Plan, scan: &Scan) {
+    let mut found = of_doubts(scan);
     found.extend(of_views(&plan.views, plan.hand_eye.as_ref()));
     found.extend(beyond_scan(plan));
     if found.iter().any(|finding| DISCREDITING.contains(&finding.id)) {
@@ -71,16 +71,20 @@ pub fn lower_confidence(plan: &mut Plan, scan: &Scan, job: &Job) {
     }
 }
 
-/// What the input alone says.
-pub fn of_scan(scan: &Scan, job: &Job) -> Vec<Finding> {
+/// What cannot well be true of the input.
+fn of_doubts(scan: &Scan) -> Vec<Finding> {
     let doubt = |kind: DoubtKind| match kind {
         DoubtKind::Units => ReasonId::Units,
         DoubtKind::Angles => ReasonId::Angles,
         DoubtKind::DepthScale => ReasonId::DepthScale,
         DoubtKind::Direction => ReasonId::TransformInverted,
     };
-    let mut found: Vec<Finding> =
-        scan.doubts.iter().map(|one| Finding::new(doubt(one.kind), one.words.clone())).collect();
+    scan.doubts.iter().map(|one| Finding::new(doubt(one.kind), one.words.clone())).collect()
+}
+
+/// What the input alone says.
+pub fn of_scan(scan: &Scan, job: &Job) -> Vec<Finding> {
+    let mut found = of_doubts(scan);
     found.extend(match scan.frame {
         CloudFrame::Base => None,
         CloudFrame::Camera if job.formats.0.is_empty() => None,

@@ -1,8 +1,10 @@
 //! How far a seam may be off, and what of it comes from where.
 
+use serde::{Deserialize, Serialize};
+
 /// Parts of a seam's expected error: standard deviations across it, both axes together, mm. The squares sum to the square of
 /// [`tip_error_mm`](super::Seam::tip_error_mm).
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ErrorParts {
     /// Scatter of the points, and what the method itself leaves.
     pub noise_mm: f64,

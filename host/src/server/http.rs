@@ -21,8 +21,8 @@ use tokio::time::timeout;
 use super::edit::Edit;
 use super::guard::{self, Door, Way};
 use super::planner;
-use super::session::Session;
-use crate::report;
+use super::session::{Session, Wish};
+use crate::report::{self, Edition};
 use crate::run::job::Job;
 
 /// Connections at a time; more are closed at once. A page has two.
@@ -42,6 +42,10 @@ const CONNECTION_TIME: Duration = Duration::from_secs(60);
 const GRACE: Duration = Duration::from_secs(60);
 /// How often that is looked at.
 const TICK: Duration = Duration::from_secs(1);
+
+/// An edit is drawn when none has followed for this long: a field that is held by its arrow, or an end that is moved by keys,
+/// sends some twenty a second.
+const QUIET_TIME: Duration = Duration::from_millis(120);
 
 type Answer = Response<Full<Bytes>>;
 
@@ -117,6 +121,7 @@ impl Server {
         if head.method == Method::GET {
             return match path.as_str() {
                 "" => self.page(),
+                "content" => self.content(),
                 "schema" => json(Job::schema()),
                 "state" => self.news(head.uri.query().unwrap_or_default()).await,
                 _ => refusal(StatusCode::NOT_FOUND, "there is nothing here"),
@@ -137,12 +142,19 @@ impl Server {
                 if let Err(words) = done {
                     return refusal(StatusCode::BAD_REQUEST, &words);
                 }
+                self.draw_soon();
             }
-            "undo" => self.session.undo(),
-            "redo" => self.session.redo(),
+            "undo" => {
+                self.session.undo();
+                self.draw_soon();
+            }
+            "redo" => {
+                self.session.redo();
+                self.draw_soon();
+            }
             "cancel" => self.session.cancel(),
             "plan" => {
-                if let Err(error) = planner::start(&self.session) {
+                if let Err(error) = planner::start(&self.session, Wish::Whole) {
                     return refusal(StatusCode::SERVICE_UNAVAILABLE, &error.to_string());
                 }
             }
@@ -151,13 +163,34 @@ impl Server {
         json(self.session.told())
     }
 
+    /// Draws the last edit, if no other comes meanwhile.
+    fn draw_soon(&self) {
+        let (session, edits) = (Arc::clone(&self.session), self.session.edits());
+        tokio::spawn(async move {
+            tokio::time::sleep(QUIET_TIME).await;
+            if session.edits() == edits {
+                // Without a thread the edit waits for the next plan, which says so.
+                let _ = planner::start(&session, Wish::Kept);
+            }
+        });
+    }
+
+    /// The numbers of the last plan, for a page that has its cloud.
+    fn content(&self) -> Answer {
+        let numbers = self.session.shown().and_then(|shown| {
+            let (Edition { plan, cloud }, content) = (shown.edition, report::numbers(&shown.html)?);
+            Some(format!("{{\"plan\":{plan},\"cloud\":{cloud},\"content\":{content}}}"))
+        });
+        numbers.map_or_else(|| refusal(StatusCode::NOT_FOUND, "nothing is planned yet"), json)
+    }
+
     /// The report of the last plan with what edits it, or a page that waits for the first.
     fn page(&self) -> Answer {
         let Ok(nonce) = guard::token() else {
             return refusal(StatusCode::SERVICE_UNAVAILABLE, "the system has no randomness to give");
         };
         let page = match self.session.shown() {
-            Some(shown) => report::editable(&shown.html, &nonce, shown.number),
+            Some(shown) => report::editable(&shown.html, &nonce, shown.edition),
             None => Some(report::waiting(&nonce)),
         };
         let Some(page) = page else {
@@ -271,8 +304,8 @@ mod tests {
         assert!(!server.is_left(later(10 * GRACE)));
         drop(waiting);
         assert!(!server.is_left(later(GRACE / 2)) && server.is_left(later(2 * GRACE)));
-        let begun = server.session.begin();
-        assert!(begun.is_some() && server.session.begin().is_none());
+        let begun = server.session.begin(Wish::Whole);
+        assert!(begun.is_some() && server.session.begin(Wish::Whole).is_none());
         assert!(!server.is_left(later(2 * GRACE)));
         server.session.ended(None);
         assert!(server.is_left(later(2 * GRACE)));

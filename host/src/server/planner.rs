@@ -1,7 +1,7 @@
 //! The thread that plans: the same steps as `weldpath plan --job`, and the same files.
 //!
-//! What was found in the scan is kept: an edit that leaves the search as it is only makes the paths and files anew. Where a
-//! file of the scan has changed since, all is done again.
+//! What was found in the scan is kept: an edit that leaves the search as it is only makes the paths and files anew, and is drawn
+//! without being asked for.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -9,14 +9,13 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use nalgebra::Vector3;
 
-use super::found::{self, Found};
-use super::session::{Begun, Session, Shown, Told, Workplace};
+use super::session::{Begun, Searched, Session, Shown, Told, Wish, Workplace};
 use crate::files::{File, Writer};
 use crate::output::verdict::State;
 use crate::pipeline::{Evidence, Observer, Plan, PlanError};
 use crate::report::{self, Recording};
 use crate::run::job::Job;
-use crate::run::planning::{self, PASSED};
+use crate::run::planning::{self, Error, PASSED};
 use crate::run::postprocessing::{Output, postprocess};
 use crate::weld::{PathPoint, SeamPath};
 
@@ -54,36 +53,49 @@ impl Drop for Turn<'_> {
     }
 }
 
-/// Begins to plan the job as it is now, to write its files, and to show its report; nothing if a plan is being made.
+/// Begins to plan the job as it is now, to write its files, and to show its report; with [`Wish::Kept`] only if what is kept is
+/// enough for it. Nothing if a plan is being made.
 ///
 /// # Errors
 /// If the system grants no thread.
-pub(super) fn start(session: &Arc<Session>) -> std::io::Result<()> {
-    let Some(Begun { job, found, stop }) = session.begin() else { return Ok(()) };
+pub(super) fn start(session: &Arc<Session>, wish: Wish) -> std::io::Result<()> {
+    let mut next = session.begin(wish);
+    if next.is_none() {
+        return Ok(());
+    }
     let own = Arc::clone(session);
     let work = move || {
-        let died = told("the plan ended before its time", "the terminal says why; plan again");
-        let mut turn = Turn { session: &own, failure: Some(died) };
-        turn.failure = planned(&own, job, found, &stop).err();
+        while let Some(begun) = next.take() {
+            plan(&own, begun);
+            next = own.next().and_then(|wish| own.begin(wish));
+        }
     };
     let thread = std::thread::Builder::new().name("plan".into()).spawn(work);
     thread.map(drop).inspect_err(|_| session.ended(None))
 }
 
-fn planned(session: &Session, job: Job, found: Option<Arc<Found>>, stop: &AtomicBool) -> Result<(), Told> {
-    let found = match found.filter(|found| found.holds_for(&job)) {
-        Some(found) => found,
-        None => {
-            let found = Arc::new(search(session, &job, stop)?);
-            session.found(&found);
-            found
-        }
+fn plan(session: &Session, Begun { wish, job, stop }: Begun) {
+    let died = told("the plan ended before its time", "the terminal says why; plan again");
+    let mut turn = Turn { session, failure: Some(died) };
+    let found = match wish {
+        Wish::Whole => search(session, &job, &stop).map(Some),
+        Wish::Kept => Ok(planning::kept(&job, session.workplace.allow_outside, &session.kept)),
     };
+    let planned = found.and_then(|found| found.map_or(Ok(()), |found| show(session, job, found, &stop)));
+    // An edit that another one overtook is no failure.
+    let is_overtaken = wish == Wish::Kept && stop.load(Ordering::SeqCst);
+    turn.failure = planned.err().filter(|_| !is_overtaken);
+}
+
+/// What follows from what was found: the files, and the page.
+fn show(session: &Session, job: Job, found: Arc<Searched>, stop: &AtomicBool) -> Result<(), Told> {
+    session.found(&found);
     session.stage("files", 99);
     let source = planning::source(&found.scan, &job);
     let mut output = postprocess(&found.plan, &job, source)
         .map_err(|error| told(error, "take the last edit back, or choose other seams"))?;
-    let report = report::files(&found.plan, &output, &found.recording, &job);
+    let report = found.seen.as_ref().map(|seen| report::files(&found.plan, &output, seen, &job));
+    let report = report.unwrap_or_default();
     let html =
         report.first().map(|page| String::from_utf8_lossy(&page.bytes).into_owned()).unwrap_or_default();
     output.files.extend(report);
@@ -91,26 +103,25 @@ fn planned(session: &Session, job: Job, found: Option<Arc<Found>>, stop: &Atomic
         return Err(given_up());
     }
     write(&session.workplace, &output.files)?;
+    session.kept.save();
     let order = output.paths.iter().map(|path| path.seam).collect();
     let (html, reversed) = (html.into(), reversed(&found.plan, &output));
-    session.show(Shown { html, job, order, reversed, ..Shown::default() });
+    session.show(Shown { html, job, order, reversed, found: Some(found), ..Shown::default() });
     refused(&output)
 }
 
-/// Reads the scan and finds its seams. What was seen where there is none is written and shown.
-fn search(session: &Session, job: &Job, stop: &AtomicBool) -> Result<Found, Told> {
+/// The seams of the scan. What was seen where there is none is written and shown.
+fn search(session: &Session, job: &Job, stop: &AtomicBool) -> Result<Arc<Searched>, Told> {
     let mut watch = Watch { session, stop, recording: Recording::default() };
-    watch.stage("scan");
-    let scan = planning::read(job, session.workplace.allow_outside)
-        .map_err(|error| told(error, "the scan is read anew with the next plan"))?;
-    let stamps = found::stamps(&scan);
-    match planning::plan(&scan, job, &mut watch) {
-        Ok(plan) => Ok(Found::new(job, stamps, scan, plan, watch.recording)),
-        Err(PlanError::GivenUp) => Err(given_up()),
-        Err(error @ PlanError::Touch(_)) => {
+    let recording = |watch: &mut Watch| Some(std::mem::take(&mut watch.recording));
+    match planning::find(job, session.workplace.allow_outside, &session.kept, &mut watch, recording) {
+        Ok(found) => Ok(found),
+        Err(Error::Input(error)) => Err(told(error, "the scan is read anew with the next plan")),
+        Err(Error::Plan(PlanError::GivenUp)) => Err(given_up()),
+        Err(Error::Plan(error @ PlanError::Touch(_))) => {
             Err(told(error, "take the touch out of the job, or name its seam"))
         }
-        Err(error @ PlanError::NoSeam { .. }) => {
+        Err(Error::Plan(error @ PlanError::NoSeam { .. })) => {
             let seen = report::without_seams(&watch.recording, job, &error.to_string());
             write(&session.workplace, &seen)?;
             if let Some(page) = seen.first() {

@@ -10,16 +10,19 @@ use tokio::sync::watch;
 
 use super::command::{self, Target};
 use super::edit::Edit;
-use super::found::Found;
+use crate::report::{Edition, Recording};
 use crate::robot::feasibility::catalogue;
 use crate::run::job::{
     Job, PassSettings, PathSettings, SeamSettings, Sequence, StitchSettings, TorchSettings, WeaveSettings,
     Weld,
 };
-use crate::run::{postprocessing, selection};
+use crate::run::{planning, postprocessing, selection};
 
 /// Edits that can be undone.
 const MOST_UNDONE: usize = 1000;
+
+/// What was found in the scan, and what the report shows of it beside.
+pub(super) type Searched = planning::Searched<Recording>;
 
 /// Where the files of a plan go, and what may be read and replaced for it.
 #[derive(Debug, Clone, Default)]
@@ -32,6 +35,8 @@ pub struct Workplace {
     pub overwrite: bool,
     /// Whether scan.json may name files outside its folder.
     pub allow_outside: bool,
+    /// Whether what was found is kept in the folder of the results, for the next time that the page is opened.
+    pub keeps: bool,
 }
 
 /// A failure as it is told.
@@ -41,20 +46,32 @@ pub(super) struct Told {
     pub hint: String,
 }
 
+/// How much of a plan is wanted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Wish {
+    /// All that it takes: somebody asked for it.
+    Whole,
+    /// What can be made of what is kept, so that an edit is seen at once; nothing if that is not enough.
+    Kept,
+}
+
 /// A plan that is being made.
 #[derive(Debug, Clone)]
 struct Running {
+    wish: Wish,
+    job: Job,
     stage: &'static str,
     percent: u64,
     stop: Arc<AtomicBool>,
+    /// A whole plan is wanted when this one has ended.
+    is_followed: bool,
 }
 
 /// A job that is to be planned.
 #[derive(Debug)]
 pub(super) struct Begun {
+    pub wish: Wish,
     pub job: Job,
-    /// What was found before.
-    pub found: Option<Arc<Found>>,
     /// Set when nobody waits for it any more.
     pub stop: Arc<AtomicBool>,
 }
@@ -62,8 +79,9 @@ pub(super) struct Begun {
 /// What the last plan left.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Shown {
-    /// Counted from 1.
-    pub number: u64,
+    pub edition: Edition,
+    /// What was found; none where there is no seam.
+    pub found: Option<Arc<Searched>>,
     /// Its report.
     pub html: Arc<str>,
     /// The job that was planned.
@@ -86,16 +104,22 @@ struct Desk {
     job: Job,
     undo: Vec<Step>,
     redo: Vec<Step>,
-    found: Option<Arc<Found>>,
+    found: Option<Arc<Searched>>,
     shown: Option<Shown>,
     running: Option<Running>,
     failure: Option<Told>,
+    /// How often the job has become another.
+    edits: u64,
+    /// What is wanted since the last plan has ended.
+    next: Option<Wish>,
 }
 
 /// One job on one scan, from the first page to the last.
 #[derive(Debug)]
 pub(super) struct Session {
     pub workplace: Workplace,
+    /// What plans have found: edits that leave it as it is need no new search.
+    pub kept: planning::Kept<Recording>,
     desk: Mutex<Desk>,
     revision: watch::Sender<u64>,
 }
@@ -105,7 +129,11 @@ pub(super) struct Session {
 struct Overview<'a> {
     revision: u64,
     plan: u64,
+    /// Which cloud that plan is drawn in.
+    cloud: u64,
     running: Option<(&'static str, u64)>,
+    /// Whether an edit is on its way into the picture.
+    drawing: bool,
     failure: Option<&'a Told>,
     unplanned: bool,
     undo: Option<&'a str>,
@@ -151,7 +179,11 @@ struct SeamState {
 impl Session {
     pub(super) fn new(job: Job, workplace: Workplace) -> Arc<Self> {
         let desk = Mutex::new(Desk { job, ..Desk::default() });
-        Arc::new(Self { workplace, desk, revision: watch::Sender::new(1) })
+        let kept = match workplace.keeps {
+            true => planning::Kept::within(&workplace.out),
+            false => planning::Kept::default(),
+        };
+        Arc::new(Self { workplace, kept, desk, revision: watch::Sender::new(1) })
     }
 
     fn desk(&self) -> MutexGuard<'_, Desk> {
@@ -177,7 +209,7 @@ impl Session {
             let found = desk.found.clone();
             let edited = edit.on(&desk.job, found.as_ref().map(|found| &found.plan))?;
             if edited != desk.job {
-                let job = std::mem::replace(&mut desk.job, edited);
+                let job = desk.replace(edited);
                 desk.undo.push(Step { job, words: edit.words() });
                 desk.redo.clear();
                 let many = desk.undo.len().saturating_sub(MOST_UNDONE);
@@ -191,7 +223,7 @@ impl Session {
     pub(super) fn undo(&self) {
         self.change(|desk| {
             let Some(Step { job, words }) = desk.undo.pop() else { return };
-            let job = std::mem::replace(&mut desk.job, job);
+            let job = desk.replace(job);
             desk.redo.push(Step { job, words });
         });
     }
@@ -200,22 +232,47 @@ impl Session {
     pub(super) fn redo(&self) {
         self.change(|desk| {
             let Some(Step { job, words }) = desk.redo.pop() else { return };
-            let job = std::mem::replace(&mut desk.job, job);
+            let job = desk.replace(job);
             desk.undo.push(Step { job, words });
         });
     }
 
-    /// Hands out the job to be planned; none if a plan is being made.
-    pub(super) fn begin(&self) -> Option<Begun> {
+    /// How often the job has become another.
+    pub(super) fn edits(&self) -> u64 {
+        self.desk().edits
+    }
+
+    /// Hands out the job to be planned; none if a plan is being made, or there is no edit to be drawn.
+    pub(super) fn begin(&self, wish: Wish) -> Option<Begun> {
         self.change(|desk| {
-            if desk.running.is_some() {
+            if let Some(running) = &mut desk.running {
+                // Whoever asks for a plan does not wait for the drawing of an edit, and gets it when that has ended.
+                if (running.wish, wish) == (Wish::Kept, Wish::Whole) {
+                    running.stop.store(true, Ordering::SeqCst);
+                    running.is_followed = true;
+                }
                 return None;
             }
-            let stop = Arc::new(AtomicBool::new(false));
-            desk.running = Some(Running { stage: "scan", percent: 0, stop: Arc::clone(&stop) });
+            if wish == Wish::Kept && !desk.is_unplanned() {
+                return None;
+            }
+            let (stop, job) = (Arc::new(AtomicBool::new(false)), desk.job.clone());
+            desk.running = Some(Running {
+                wish,
+                job: job.clone(),
+                stage: "scan",
+                percent: 0,
+                stop: Arc::clone(&stop),
+                is_followed: false,
+            });
             desk.failure = None;
-            Some(Begun { job: desk.job.clone(), found: desk.found.clone(), stop })
+            Some(Begun { wish, job, stop })
         })
+    }
+
+    /// What is wanted since the last plan has ended: another that was asked for meanwhile, or the drawing of an edit.
+    pub(super) fn next(&self) -> Option<Wish> {
+        self.desk().next.take()
     }
 
     /// Gives the plan up that is being made; it ends with its present stage.
@@ -237,23 +294,31 @@ impl Session {
         });
     }
 
-    /// What was found, from which edits can be planned without a new search.
-    pub(super) fn found(&self, found: &Arc<Found>) {
+    /// What was found, and what edits are held against.
+    pub(super) fn found(&self, found: &Arc<Searched>) {
         self.change(|desk| desk.found = Some(Arc::clone(found)));
     }
 
     /// The plan that was being made can be looked at.
     pub(super) fn show(&self, shown: Shown) {
         self.change(|desk| {
-            let number = desk.shown.as_ref().map_or(0, |shown| shown.number) + 1;
-            desk.shown = Some(Shown { number, ..shown });
+            let Edition { plan, cloud } =
+                desk.shown.as_ref().map_or_else(Edition::default, |last| last.edition);
+            let found = |shown: &Shown| shown.found.as_ref().map(Arc::as_ptr);
+            let last = desk.shown.as_ref().and_then(found);
+            let is_same = last.is_some() && last == found(&shown);
+            let edition = Edition { plan: plan + 1, cloud: cloud + u64::from(!is_same) };
+            desk.shown = Some(Shown { edition, ..shown });
         });
     }
 
     /// The thread that plans has done, or could not.
     pub(super) fn ended(&self, failure: Option<Told>) {
         self.change(|desk| {
-            desk.running = None;
+            desk.next = desk.running.take().and_then(|running| match running.is_followed {
+                true => Some(Wish::Whole),
+                false => (running.job != desk.job).then_some(Wish::Kept),
+            });
             desk.failure = failure;
         });
     }
@@ -274,10 +339,14 @@ impl Session {
         let desk = self.desk();
         let Workplace { out, overwrite, allow_outside, .. } = &self.workplace;
         let target = Target { out, overwrite: *overwrite, allow_outside: *allow_outside };
+        let edition = desk.shown.as_ref().map(|shown| shown.edition).unwrap_or_default();
+        let running = |wish: Wish| desk.running.as_ref().filter(|running| running.wish == wish);
         let told = Overview {
             revision: *self.revision.borrow(),
-            plan: desk.shown.as_ref().map_or(0, |shown| shown.number),
-            running: desk.running.as_ref().map(|running| (running.stage, running.percent)),
+            plan: edition.plan,
+            cloud: edition.cloud,
+            running: running(Wish::Whole).map(|running| (running.stage, running.percent)),
+            drawing: running(Wish::Kept).is_some(),
             failure: desk.failure.as_ref(),
             unplanned: desk.is_unplanned(),
             undo: desk.undo.last().map(|step| step.words.as_str()),
@@ -296,6 +365,15 @@ impl Session {
 }
 
 impl Desk {
+    /// Another job in place of this one, which is handed back. What is drawn of this one is given up.
+    fn replace(&mut self, job: Job) -> Job {
+        self.edits += 1;
+        if let Some(running) = self.running.as_ref().filter(|running| running.wish == Wish::Kept) {
+            running.stop.store(true, Ordering::SeqCst);
+        }
+        std::mem::replace(&mut self.job, job)
+    }
+
     fn is_unplanned(&self) -> bool {
         self.shown.as_ref().is_some_and(|shown| shown.job != self.job)
     }

@@ -7,6 +7,7 @@
 
 use super::{POSE_DEG, POSE_MM};
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Matrix6, Point3, Vector3};
+use serde::{Deserialize, Serialize};
 
 /// Fewer views leave nothing to judge the fit by: three give eighteen numbers for twelve.
 const LEAST_VIEWS: usize = 3;
@@ -22,7 +23,7 @@ const MOST_MM: f64 = 20.0;
 const MOST_DEG: f64 = 3.0;
 
 /// The motion that the hand-eye transform lacks, in the camera's frame.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct HandEyeError {
     /// Of the camera, mm.
     pub shift_mm: f64,

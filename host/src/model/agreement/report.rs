@@ -4,9 +4,10 @@ use super::{Agreement, Misfit};
 use crate::geometry::cloud::View;
 use crate::model::normals::Patches;
 use nalgebra::Isometry3;
+use serde::{Deserialize, Serialize};
 
 /// How one view was registered, or why it was left out.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct ViewReport {
     /// [`View::name`].
     pub name: String,

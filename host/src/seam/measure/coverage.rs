@@ -17,11 +17,12 @@ use crate::geometry::grid::Grid;
 use crate::geometry::polyline::arc_lengths;
 use crate::geometry::statistics::median;
 use crate::seam::{Seam, Station};
+use serde::{Deserialize, Serialize};
 use sight::{Panorama, Visibility};
 pub use viewpoint::Viewpoint;
 
 /// Why a stretch should be scanned again.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Fault {
     /// A face has hardly a point.
     Unseen,
@@ -43,7 +44,7 @@ impl Fault {
 }
 
 /// A stretch of a seam that was seen badly.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Gap {
     /// [`Seam::id`].
     pub seam: usize,

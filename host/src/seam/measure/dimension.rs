@@ -1,7 +1,11 @@
 //! What is measured of a joint beside the line of its seam, and how sure the measurement is (ours).
 
+use std::borrow::Cow;
+
+use serde::{Deserialize, Serialize};
+
 /// What is measured.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum Quantity {
     /// Angle between the faces through the air: of a groove, the groove angle. Degrees.
     IncludedAngle,
@@ -52,7 +56,7 @@ impl Quantity {
 impl std::fmt::Display for Dimension {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let (words, unit) = (self.quantity.words(), self.quantity.unit());
-        match self.value {
+        match &self.value {
             Ok(Value { value, uncertainty }) => write!(f, "{words} {value:.1} ± {uncertainty:.1} {unit}"),
             Err(reason) => write!(f, "{words} not measurable ({reason})"),
         }
@@ -60,7 +64,7 @@ impl std::fmt::Display for Dimension {
 }
 
 /// A value and its uncertainty, in the unit of its quantity.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Value {
     /// The best guess.
     pub value: f64,
@@ -69,10 +73,17 @@ pub struct Value {
 }
 
 /// One dimension of a joint: a value, or why it cannot be measured from this scan.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Dimension {
     /// What it is.
     pub quantity: Quantity,
     /// How large it is, or in words why nobody can tell.
-    pub value: Result<Value, &'static str>,
+    pub value: Result<Value, Cow<'static, str>>,
+}
+
+impl Dimension {
+    /// What was measured, or why it could not be.
+    pub fn new(quantity: Quantity, value: Result<Value, &'static str>) -> Self {
+        Self { quantity, value: value.map_err(Cow::Borrowed) }
+    }
 }

@@ -18,11 +18,11 @@ use crate::seam::Joint;
 /// The dimensions that a joint of this kind has.
 pub fn measure(evidence: &JointEvidence) -> Vec<Dimension> {
     let opening = root::opening(evidence);
-    let angle = Dimension { quantity: Quantity::IncludedAngle, value: Ok(opening.angle_deg) };
-    let gap = Dimension { quantity: Quantity::RootOpening, value: opening.width_mm };
+    let angle = Dimension::new(Quantity::IncludedAngle, Ok(opening.angle_deg));
+    let gap = Dimension::new(Quantity::RootOpening, opening.width_mm);
     let rest = match evidence.joint {
-        Joint::ButtV => groove(evidence, opening.angle_deg, gap.value),
-        Joint::Lap => vec![sheet(evidence, gap.value)],
+        Joint::ButtV => groove(evidence, opening.angle_deg, opening.width_mm),
+        Joint::Lap => vec![sheet(evidence, opening.width_mm)],
         _ => Vec::new(),
     };
     std::iter::once(angle).chain(rest).chain([gap]).collect()
@@ -32,8 +32,8 @@ pub fn measure(evidence: &JointEvidence) -> Vec<Dimension> {
 pub fn of_step(height_mm: f64, error_mm: f64) -> Vec<Dimension> {
     let step = Value { value: height_mm, uncertainty: 2.0 * error_mm };
     vec![
-        Dimension { quantity: Quantity::SheetThickness, value: Ok(step) },
-        Dimension { quantity: Quantity::RootOpening, value: Err("the side of the upper sheet was not seen") },
+        Dimension::new(Quantity::SheetThickness, Ok(step)),
+        Dimension::new(Quantity::RootOpening, Err("the side of the upper sheet was not seen")),
     ]
 }
 
@@ -60,10 +60,7 @@ fn groove(evidence: &JointEvidence, angle_deg: Value, gap: Result<Value, &'stati
         let value = 0.5 * (a.up_mm + b.up_mm - gap.value * cotangent);
         Ok(Value { value, uncertainty: top_mm.hypot(end_mm) })
     });
-    vec![
-        Dimension { quantity: Quantity::GrooveDepth, value: depth },
-        Dimension { quantity: Quantity::CapWidth, value: width },
-    ]
+    vec![Dimension::new(Quantity::GrooveDepth, depth), Dimension::new(Quantity::CapWidth, width)]
 }
 
 /// Thickness of the upper sheet of a lap joint.
@@ -74,5 +71,5 @@ fn sheet(evidence: &JointEvidence, gap: Result<Value, &'static str>) -> Dimensio
     let (gap_mm, unsure_mm) = gap.map_or((0.0, 0.0), |gap| (gap.value, gap.uncertainty));
     let value = step
         .map(|step| Value { value: step.up_mm - gap_mm, uncertainty: step.uncertainty_mm.hypot(unsure_mm) });
-    Dimension { quantity: Quantity::SheetThickness, value }
+    Dimension::new(Quantity::SheetThickness, value)
 }

@@ -27,10 +27,21 @@ export function layers() {
   return { model: layer(content.clouds.model), raw: layer(content.clouds.raw) };
 }
 
-export const seams = content.summary.seams.map((seam) => ({
-  ...seam,
-  ...content.seams.find((line) => line.id === seam.id),
-}));
+export const seams = [];
+function join() {
+  seams.splice(0, seams.length, ...content.summary.seams.map((seam) => ({
+    ...seam,
+    ...content.seams.find((line) => line.id === seam.id),
+  })));
+}
+join();
+
+// Numbers of another plan of the same scan in place of these. Where one looks from stays: what has changed is to be seen.
+export function takeContent(next) {
+  const { centre_mm, radius_mm, up, eye, heights_mm } = content;
+  Object.assign(content, next, { centre_mm, radius_mm, up, eye, heights_mm });
+  join();
+}
 
 const COLOURS = ["#4269d0", "#efb118", "#ff725c", "#6cc5b0", "#9c6b4e", "#a463f2", "#97bbf5", "#3ca951", "#ff8ab7", "#9498a0"];
 export const viewColour = (k) => COLOURS[k % COLOURS.length];

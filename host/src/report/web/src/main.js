@@ -1,9 +1,9 @@
 // The page: joins the numbers, the picture and the player.
 
 import { $, el, svg } from "./dom.js";
-import { content, deviation, duration, layers, number, place, seams, viewColour } from "./content.js";
+import { content, deviation, duration, layers, number, place, seams, takeContent, viewColour } from "./content.js";
 import { Scene } from "./scene.js";
-import { torchAt, total_s, waypoints, weldOf, welds } from "./program.js";
+import { readProgram, torchAt, total_s, waypoints, weldOf, welds } from "./program.js";
 import * as panel from "./panel.js";
 
 const state = { time_s: 0, seam: null, playing: false, colouring: 0, cloud: "model" };
@@ -66,19 +66,21 @@ function play(on) {
 }
 
 function player() {
-  if (!waypoints.length) {
-    $("player").hidden = true;
-    return;
-  }
   const slider = $("slider");
-  slider.max = total_s;
   slider.addEventListener("input", () => {
     play(false);
     seek(Number(slider.value));
   });
   $("play").addEventListener("click", () => play(!state.playing));
+  bands();
+}
+
+// The player's track, with what is welded when.
+function bands() {
+  $("player").hidden = !waypoints.length;
+  $("slider").max = total_s;
   const share = (s) => `${(100 * s) / (total_s || 1)}%`;
-  $("bands").append(...welds.map(({ seam, start, end }) => el("span", {
+  $("bands").replaceChildren(...welds.map(({ seam, start, end }) => el("span", {
     style: { left: share(waypoints[start].time_s), width: share(waypoints[end].time_s - waypoints[start].time_s), background: seams.find((s) => s.id === seam)?.colour },
   })));
 }
@@ -140,11 +142,12 @@ const filterScale = 2 * (content.summary.derived.find((d) => d.name === "noise_m
 
 // Buttons with the seams' ids, each at the middle of its seam.
 function labels() {
+  tags.forEach((tag) => tag.button.remove());
   tags = seams.map((seam) => {
     const button = el("button", { type: "button", title: `Seam ${seam.id}: ${seam.joint}`, "aria-pressed": "false", style: { background: seam.selected ? seam.colour : "#7c8795" }, onclick: () => select(seam.id) }, String(seam.id));
     return { seam, button, at: scene.anchor(seam) };
   });
-  $("labels").append(...tags.map((tag) => tag.button));
+  $("labels").prepend(...tags.map((tag) => tag.button));
 }
 
 function afterFrame(drawn) {
@@ -245,17 +248,36 @@ function picture() {
   if (wish.has("look")) scene.look(wish.get("look"));
 }
 
+// What a plan says in words and numbers.
+function words() {
+  panel.verdict(select);
+  panel.tiles();
+  panel.warnings(select);
+  panel.list(select);
+  panel.facts();
+}
+
+// Another plan of the same scan in place of this one: lines, torch, words and player are made anew, the clouds stay where they
+// are, and so does whoever looks.
+function renew(next) {
+  takeContent(next);
+  readProgram();
+  if (!waypoints.length) play(false);
+  words();
+  bands();
+  scene?.renew();
+  if (scene) labels();
+  if (state.seam !== null) select(state.seam, false);
+  seek(state.time_s);
+}
+
 themes();
 panel.head();
-panel.verdict(select);
-panel.tiles();
-panel.warnings(select);
-panel.list(select);
+words();
 player();
 picture();
 keyboard();
 panel.charts();
-panel.facts();
 seek(0);
 const first = seams.find((seam) => seam.selected) ?? seams[0];
 if (first) select(Number(wish.get("seam") ?? first.id));
@@ -263,4 +285,4 @@ if (wish.has("t")) seek(Number(wish.get("t")));
 $("footer").textContent = `weldpath ${content.summary.weldpath}. Keys: arrows turn, + and − zoom, F shows all, digits select a seam, space plays. Look at the program in the controller's simulation before it is run.`;
 
 // For tests and the curious.
-globalThis.weldpath = { state, content, deviation, scene };
+globalThis.weldpath = { state, content, deviation, scene, renew };

@@ -5,12 +5,11 @@ import { bars, card, histogram, lines } from "./charts.js";
 import { content, deviation, duration, label, number, percent, place, seams, viewColour } from "./content.js";
 import { total_s, waypoints, weldOf, weldTime } from "./program.js";
 
-const { summary } = content;
 const plural = (n, word) => `${n} ${word}${n === 1 ? "" : "s"}`;
 const sum = (values) => values.reduce((a, b) => a + b, 0);
 const known = (values) => values.filter((v) => v !== null && v !== undefined);
 // Views whose points are in the model, in the order of its colours.
-const used = summary.views.filter((v) => v.left_out === null);
+const usedViews = () => content.summary.views.filter((v) => v.left_out === null);
 const unitAfter = (unit) => (unit === "°" ? unit : ` ${unit}`);
 
 // Whose frame all coordinates are in.
@@ -18,12 +17,12 @@ const FRAMES = { base: "base frame", camera: "the camera's frame", unknown: "the
 
 export function head() {
   $("title").textContent = content.title;
-  const views = summary.views.length;
+  const views = content.summary.views.length;
   $("subtitle").textContent = [
     views ? plural(views, "view") : seams.length > 0 && "one cloud",
     content.clouds.model && `${content.clouds.model.of.toLocaleString("en")} points in the model`,
-    `weldpath ${summary.weldpath}`,
-    `${FRAMES[summary.frame]}, millimetres`,
+    `weldpath ${content.summary.weldpath}`,
+    `${FRAMES[content.summary.frame]}, millimetres`,
   ].filter(Boolean).join(" · ");
 }
 
@@ -31,13 +30,14 @@ export function head() {
 const STATES = { ready: "Ready", check: "Check: a person has to confirm", refused: "Refused: no program is written" };
 
 export function verdict(onSelect) {
-  const { state, reasons } = summary.verdict;
+  const { state, reasons } = content.summary.verdict;
   const item = (reason) => el("li", { class: reason.accepted ? "accepted" : "" },
     el("code", {}, reason.id), reason.accepted ? " (accepted) " : " ", sentence(reason.words), " ",
     seams.some((seam) => seam.id === reason.seam) && el("button", { type: "button", onclick: () => onSelect(reason.seam) }, `seam ${reason.seam}`));
   $("verdict").hidden = false;
+  $("verdict").classList.remove(...Object.keys(STATES));
   $("verdict").classList.add(state);
-  $("verdict").append(el("h2", {}, STATES[state]), reasons.length ? el("ul", {}, reasons.map(item)) : "");
+  $("verdict").replaceChildren(el("h2", {}, STATES[state]), reasons.length ? el("ul", {}, reasons.map(item)) : "");
 }
 
 function tile(value, words, state = "") {
@@ -48,7 +48,7 @@ function tile(value, words, state = "") {
 const sentence = (text) => `${/^[a-z]+ /.test(text) ? text.charAt(0).toUpperCase() + text.slice(1) : text}.`;
 
 const allWarnings = () => [
-  ...summary.warnings.map((text) => ({ text })),
+  ...content.summary.warnings.map((text) => ({ text })),
   ...seams.flatMap((seam) => seam.warnings.map((text) => ({ text, seam }))),
 ];
 
@@ -57,11 +57,11 @@ export function tiles() {
   const worst_mm = Math.max(...known(chosen.map((s) => s.expected_error_mm)), 0);
   const worst_deg = Math.max(...known(chosen.map((s) => s.expected_error_deg)), 0);
   const least = Math.min(...known(chosen.map((s) => s.confidence)), 1);
-  const fitness = known(summary.views.map((v) => v.fitness_after));
+  const fitness = known(content.summary.views.map((v) => v.fitness_after));
   const warnings = allWarnings().length;
   const weld_s = sum(chosen.map((s) => weldOf(s.id)).filter(Boolean).map(weldTime));
   const measured = deviation?.score;
-  $("tiles").append(...[
+  $("tiles").replaceChildren(...[
     tile(chosen.length === seams.length ? plural(seams.length, "seam") : `${chosen.length} of ${plural(seams.length, "seam")}`, `${number(sum(chosen.map((s) => s.length_mm)))} mm to weld`),
     chosen.length > 0 && tile(percent(least), "least confidence", least < 0.8 ? "warn" : "good"),
     chosen.length > 0 && tile(`${number(worst_mm)} mm`, `largest expected error, ${number(worst_deg)}°`),
@@ -77,6 +77,8 @@ const UNFOLDED = 3;
 
 export function warnings(onSelect) {
   const all = allWarnings();
+  const isOpen = Boolean(document.querySelector("#warnings details[open]"));
+  $("warnings").replaceChildren();
   if (!all.length) return;
   const item = ({ text, seam }) => el("li", {},
     el("span", {}, sentence(text)),
@@ -85,13 +87,14 @@ export function warnings(onSelect) {
   // The picture stays on the screen, however many there are.
   const rest = all.slice(UNFOLDED);
   if (rest.length) {
-    $("warnings").append(el("details", {},
+    $("warnings").append(el("details", { open: isOpen },
       el("summary", {}, `${plural(rest.length, "more warning")}`),
       el("ul", {}, rest.map(item))));
   }
 }
 
 export function list(onSelect) {
+  $("seams").replaceChildren();
   if (!seams.length) {
     $("seams").append(el("p", { class: "note" }, "None was found. Colour the model by edge intensity to see where an edge stood out."));
     return;
@@ -185,10 +188,10 @@ function deviationCards() {
 export function charts() {
   const { intensity, intensity_gate, ratio, ratio_threshold, ratio_decides, spacing_mm, spacing_marks_mm } = content.histograms;
   const cards = deviationCards();
-  const longest = Math.max(...summary.views.map((v) => v.fitness_per_iteration.length), 0);
+  const longest = Math.max(...content.summary.views.map((v) => v.fitness_per_iteration.length), 0);
   if (longest > 1) {
     cards.push(card("Registration: fitness per iteration", "Share of each view's overlap with a partner nearer than 2 mm; 0 is the pose that the robot reported. A line that stays low is a view that does not fit: check its pose, or leave it out.",
-      lines(used.map((v, k) => ({ name: v.name, colour: viewColour(k), points: v.fitness_per_iteration.map((f, i) => [i, f]) })),
+      lines(usedViews().map((v, k) => ({ name: v.name, colour: viewColour(k), points: v.fitness_per_iteration.map((f, i) => [i, f]) })),
         { x: { low: 0, high: longest - 1, label: "iteration" }, y: { low: 0, high: 1, label: "fitness" } })));
   }
   if (intensity.counts.some(Boolean)) {
@@ -204,9 +207,9 @@ export function charts() {
     cards.push(card("Spacing of the raw points", "Distance from a point of the first view to its nearest neighbour there. Voxels that are finer than the spacing would leave holes.",
       histogram(spacing_mm, { label: "distance, mm", marks: spacing_marks_mm.map(([text, at]) => ({ at, text: `${text} ${number(at)} mm` })) })));
   }
-  if (summary.stages.length) {
-    cards.push(card("Time per stage", `${number(sum(summary.stages.map((s) => s.time_s)))} s in all, reading and writing not included.`,
-      bars(summary.stages.map((s) => ({ name: s.name, value: 1000 * s.time_s })), { unit: "ms", label: "Time per stage" })));
+  if (content.summary.stages.length) {
+    cards.push(card("Time per stage", `${number(sum(content.summary.stages.map((s) => s.time_s)))} s in all, reading and writing not included.`,
+      bars(content.summary.stages.map((s) => ({ name: s.name, value: 1000 * s.time_s })), { unit: "ms", label: "Time per stage" })));
   }
   $("charts").append(...cards);
 }
@@ -223,7 +226,7 @@ function section(title, words, ...children) {
 
 // What the views say of the cell: rows of name, value, standard deviation, and what was done about it.
 function cell() {
-  const { robot, hand_eye, camera } = summary.base_frame;
+  const { robot, hand_eye, camera } = content.summary.base_frame;
   const done = (found) => (found.applied ? "corrected" : "not significant");
   return [
     ...(robot ? [["reported poses scatter by, mm", number(robot.scatter_mm), "", ""], ["and by, °", number(robot.scatter_deg), "", ""]] : []),
@@ -242,14 +245,16 @@ function cell() {
 
 export function facts() {
   const { clouds } = content;
+  const used = usedViews();
+  const isOpen = Boolean(document.querySelector("#facts details[open]"));
   const sample = (layer, name) => layer && layer.count < layer.of && `${layer.count.toLocaleString("en")} of ${layer.of.toLocaleString("en")} ${name}`;
   const thinned = [sample(clouds.model, "model points"), sample(clouds.raw, "raw points"), content.waypoints.length < content.waypoints_of && `${content.waypoints.length} of ${content.waypoints_of} waypoints`].filter(Boolean);
   const parts = [];
-  if (summary.views.length) {
-    parts.push(section("Views", summary.base_frame.hand_eye
+  if (content.summary.views.length) {
+    parts.push(section("Views", content.summary.base_frame.hand_eye
       ? "All poses are adjusted together with the hand-eye transform, within what is stated of robot and cell."
       : "The pose of the first view that fits is taken as exact: its own error comes on top of everything here.",
-      table(["view", "#fitness before", "#after", "#moved, mm", "#turned, °", "#uncertainty, mm"], summary.views.map((v) => [
+      table(["view", "#fitness before", "#after", "#moved, mm", "#turned, °", "#uncertainty, mm"], content.summary.views.map((v) => [
         el("span", {}, used.includes(v) && el("i", { class: "swatch", style: { background: viewColour(used.indexOf(v)) } }), v.name, v.left_out === null ? "" : " (left out)"),
         number(v.fitness_before), number(v.fitness_after), number(v.moved_mm), number(v.moved_deg), number(v.uncertainty_mm)]))));
   }
@@ -258,13 +263,13 @@ export function facts() {
     parts.push(section("Robot and camera", "What the views say of them. What is not significant is left as stated, and counts in the expected error.",
       table(["", "#found", "#±", ""], found)));
   }
-  if (summary.derived.length) parts.push(section("Derived from the data", "Nobody typed these.",
-    table(["parameter", "#value", "how"], summary.derived.map((d) => [label(d.name).name, `${number(d.value)} ${label(d.name).unit}`, d.how]))));
+  if (content.summary.derived.length) parts.push(section("Derived from the data", "Nobody typed these.",
+    table(["parameter", "#value", "how"], content.summary.derived.map((d) => [label(d.name).name, `${number(d.value)} ${label(d.name).unit}`, d.how]))));
   parts.push(section("Inputs", null,
-    summary.inputs.length > 0 && el("ul", {}, summary.inputs.map((file) => el("li", {}, el("code", {}, file)))),
-    summary.notes.length ? el("ul", {}, summary.notes.map((note) => el("li", {}, note))) : null,
+    content.summary.inputs.length > 0 && el("ul", {}, content.summary.inputs.map((file) => el("li", {}, el("code", {}, file)))),
+    content.summary.notes.length ? el("ul", {}, content.summary.notes.map((note) => el("li", {}, note))) : null,
     thinned.length ? el("p", {}, `To keep this page small it shows ${thinned.join(" and ")}, evenly picked; the files beside it hold all.`) : null,
     deviation ? null : el("p", {}, "No truth was given. ", el("code", {}, "weldpath evaluate DIR --truth FILE --report"), " adds the deviation from it to this page.")));
-  parts.push(el("details", { class: "card" }, el("summary", {}, "Settings of this run (job.toml)"), el("pre", {}, content.job)));
-  $("facts").append(...parts);
+  parts.push(el("details", { class: "card", open: isOpen }, el("summary", {}, "Settings of this run (job.toml)"), el("pre", {}, content.job)));
+  $("facts").replaceChildren(...parts);
 }

@@ -3,11 +3,10 @@
 import { Quaternion, Vector3 } from "three";
 import { content } from "./content.js";
 
-export const waypoints = content.waypoints.map(([x, y, z, qw, qx, qy, qz, feed_mm_s, seam, kind]) => ({
-  position_mm: new Vector3(x, y, z),
-  rotation: new Quaternion(qx, qy, qz, qw).normalize(),
-  feed_mm_s, seam, kind, time_s: 0, s_mm: 0,
-}));
+export const waypoints = [];
+// First and last waypoint of each stretch that is welded.
+export const welds = [];
+export let total_s = 0;
 
 // Whether the arc burns between a waypoint and the next.
 export const burns = (i) => {
@@ -15,23 +14,30 @@ export const burns = (i) => {
   return Boolean(a && b && a.kind === "weld" && b.kind === "weld" && a.seam === b.seam);
 };
 
-for (let i = 1; i < waypoints.length; i++) {
-  const [a, b] = [waypoints[i - 1], waypoints[i]];
-  const way_mm = a.position_mm.distanceTo(b.position_mm);
-  b.time_s = a.time_s + way_mm / b.feed_mm_s;
-  b.s_mm = burns(i - 1) ? a.s_mm + way_mm : 0;
+// Reads the program anew: with the page, and with each plan that is taken in its place.
+export function readProgram() {
+  waypoints.splice(0, waypoints.length, ...content.waypoints.map(([x, y, z, qw, qx, qy, qz, feed_mm_s, seam, kind]) => ({
+    position_mm: new Vector3(x, y, z),
+    rotation: new Quaternion(qx, qy, qz, qw).normalize(),
+    feed_mm_s, seam, kind, time_s: 0, s_mm: 0,
+  })));
+  for (let i = 1; i < waypoints.length; i++) {
+    const [a, b] = [waypoints[i - 1], waypoints[i]];
+    const way_mm = a.position_mm.distanceTo(b.position_mm);
+    b.time_s = a.time_s + way_mm / b.feed_mm_s;
+    b.s_mm = burns(i - 1) ? a.s_mm + way_mm : 0;
+  }
+  total_s = waypoints.length ? waypoints[waypoints.length - 1].time_s : 0;
+  welds.length = 0;
+  for (let i = 0; i < waypoints.length; i++) {
+    const last = welds[welds.length - 1];
+    if (waypoints[i].kind !== "weld") continue;
+    if (last && last.end === i - 1 && waypoints[last.end].seam === waypoints[i].seam) last.end = i;
+    else welds.push({ seam: waypoints[i].seam, start: i, end: i });
+  }
 }
+readProgram();
 
-export const total_s = waypoints.length ? waypoints[waypoints.length - 1].time_s : 0;
-
-// First and last waypoint of each stretch that is welded.
-export const welds = [];
-for (let i = 0; i < waypoints.length; i++) {
-  const last = welds[welds.length - 1];
-  if (waypoints[i].kind !== "weld") continue;
-  if (last && last.end === i - 1 && waypoints[last.end].seam === waypoints[i].seam) last.end = i;
-  else welds.push({ seam: waypoints[i].seam, start: i, end: i });
-}
 export const weldOf = (seam) => welds.find((weld) => weld.seam === seam);
 export const weldTime = (weld) => waypoints[weld.end].time_s - waypoints[weld.start].time_s;
 

@@ -53,12 +53,9 @@ export class Scene {
     this.controls.addEventListener("change", () => this.redraw());
     this.groups = {};
     this.addClouds(layers);
-    this.addSeams();
-    this.addFrames();
-    this.addWay();
     this.addCameras();
     this.addTruth();
-    this.addTorch();
+    this.addProgram();
     this.stats = { frames: 0, script_ms: 0, drawCalls: 0, points: 0 };
     new ResizeObserver(() => this.resize()).observe(canvas);
     this.resize();
@@ -79,6 +76,35 @@ export class Scene {
     const thinned = (layer) => Math.sqrt(layer.of / layer.count);
     if (model?.count) this.add("model", pointsOf(model, centre, 1.45 * voxel * thinned(model), 1.6));
     if (raw?.count) this.add("raw", pointsOf(raw, centre, 0.6 * spacing * thinned(raw), 1.6), false);
+  }
+
+  // The lines of a program and the torch. The clouds stay as they are on the graphics card.
+  addProgram() {
+    this.addSeams();
+    this.addFrames();
+    this.addWay();
+    this.addTorch();
+  }
+
+  // What is drawn of a program anew, shown or hidden as it was.
+  renew() {
+    const hidden = ["hidden", "seams", "frames", "way", "torch", "chosen"].filter((name) => this.drop(name) === false);
+    this.addProgram();
+    for (const name of hidden) if (this.groups[name]) this.groups[name].visible = false;
+    this.redraw();
+  }
+
+  // Takes something out of the picture and off the graphics card; whether it was shown, undefined if it was not there.
+  drop(name) {
+    const object = this.groups[name];
+    if (!object) return undefined;
+    object.removeFromParent();
+    object.traverse(({ geometry, material }) => {
+      geometry?.dispose();
+      material?.dispose();
+    });
+    delete this.groups[name];
+    return object.visible;
   }
 
   addSeams() {
@@ -153,6 +179,7 @@ export class Scene {
 
   // Wire 15 mm, nozzle of 22 mm, body: a common MIG torch, tip of the wire at the origin, axis along z.
   addTorch() {
+    this.arc = null;
     if (!waypoints.length) return;
     const torch = this.add("torch", new THREE.Group());
     const profile = [[0, 0], [0.6, 0], [0.6, 15], [8, 15], [11, 22], [11, 70], [15, 76], [15, 130], [0, 130]];
@@ -172,6 +199,7 @@ export class Scene {
 
   moveTorch({ position_mm, rotation, arc }) {
     const torch = this.groups.torch;
+    if (!torch) return;
     torch.position.copy(position_mm).sub(centre);
     torch.quaternion.copy(rotation);
     this.arc.visible = arc;
@@ -179,8 +207,7 @@ export class Scene {
   }
 
   highlight(seam) {
-    this.groups.chosen?.removeFromParent();
-    delete this.groups.chosen;
+    this.drop("chosen");
     if (seam && ORDERED) {
       const pairs = pairsOf(seam.line_mm.map((p) => local(p).toArray()), seam.closed);
       const chosen = wide(pairs, null, 9, { color: "#ffffff", transparent: true, opacity: 0.85, depthWrite: false, ...ABOVE });

@@ -6,9 +6,10 @@ use crate::geometry::cloud::Merged;
 use crate::geometry::grid::Grid;
 use crate::geometry::statistics::median;
 use crate::seam::Station;
+use serde::{Deserialize, Serialize};
 
 /// A camera pose, base frame; the roll about the direction is free.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Viewpoint {
     /// Where the camera stands, mm.
     pub position_mm: Point3<f64>,

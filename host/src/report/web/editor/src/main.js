@@ -1,14 +1,14 @@
 // The report as a page that edits its job. The report itself stays as it is in a file: this script comes behind it, adds what
-// can be clicked, and loads the page anew when there is another plan.
+// can be clicked, and puts another plan in its place: the numbers alone where the cloud is the same, else the whole page.
 
 import { $, el } from "../../src/dom.js";
 import { WORDS } from "./words.js";
-import { act, edit, follow, onState, schema as ofJob } from "./server.js";
+import { act, content, edit, follow, onState, schema as ofJob } from "./server.js";
 import { parts } from "./panel.js";
 import { Ends } from "./ends.js";
 import { Asking } from "./ask.js";
 
-const own = { plan: Number($("editor").dataset.plan), schema: null, state: null, scope: "seam", parts: [], built: null };
+const own = { plan: Number($("editor").dataset.plan), cloud: Number($("editor").dataset.cloud), taking: false, schema: null, state: null, scope: "seam", parts: [], built: null };
 const page = globalThis.weldpath;
 const seamIds = page?.content.summary.seams.map((seam) => seam.id) ?? [];
 const chosen = () => page?.state.seam ?? null;
@@ -66,12 +66,12 @@ async function copy() {
 }
 
 function status(state) {
-  const { running, failure, unplanned, undo, redo } = state;
+  const { running, drawing, failure, unplanned, undo, redo } = state;
   bar.hidden = !running;
   if (running) bar.value = running[1];
   said.textContent = running ? WORDS.planning(WORDS.stages[running[0]] ?? running[0])
-    : note || (unplanned ? WORDS.unplanned : state.plan ? WORDS.planned(state.out) : WORDS.nothing);
-  strip.classList.toggle("unplanned", unplanned && !running);
+    : note || (drawing ? WORDS.drawing : unplanned ? WORDS.unplanned : state.plan ? WORDS.planned(state.out) : WORDS.nothing);
+  strip.classList.toggle("unplanned", unplanned && !running && !drawing);
   failed.hidden = !failure;
   failed.textContent = failure ? `${failure.message} (${failure.hint})` : "";
   $("plan").disabled = Boolean(running);
@@ -261,14 +261,48 @@ if (page) {
   addEventListener("pagehide", keep);
   $("footer").append(" ", WORDS.keys);
 }
-onState((state) => {
-  if (state.plan !== own.plan) {
+
+// What is in focus of the lists that are made anew with each plan: a box, by what it is about.
+const LISTED = ["#seams tr[data-seam] input", "#seams tr[data-seam] td button", "#verdict input"];
+const about = (element) => element.dataset.reason ?? element.closest("tr")?.dataset.seam;
+function focused() {
+  const list = LISTED.find((selector) => document.activeElement?.matches(selector));
+  const what = list && about(document.activeElement);
+  return () => list && [...document.querySelectorAll(list)].find((one) => about(one) === what)?.focus();
+}
+
+// Takes the numbers of the last plan, if they are of the cloud that is drawn; whether they were.
+async function takePlan() {
+  const last = await content();
+  if (!last || last.cloud !== own.cloud) return false;
+  const refocus = focused();
+  page.renew(last.content);
+  ticks();
+  reasons();
+  refocus();
+  own.plan = last.plan;
+  $("editor").dataset.plan = last.plan;
+  return true;
+}
+
+// Shows the last plan, and those that come while it is fetched.
+async function bringUp() {
+  if (own.taking) return;
+  own.taking = true;
+  while (own.state.plan !== own.plan) {
+    if (page && own.state.cloud === own.cloud && (await takePlan())) continue;
     location.reload();
     return;
   }
+  own.taking = false;
+  render(own.state);
+}
+
+onState((state) => {
   if (own.state && state.revision !== own.state.revision && state.running && !asking?.on) note = "";
   own.state = state;
-  render(state);
+  if (state.plan === own.plan) render(state);
+  else bringUp();
 });
 ofJob().then((schema) => {
   own.schema = schema;

@@ -22,6 +22,12 @@ export async function act(what, body = {}) {
 
 export const edit = (body) => act("edit", body);
 
+// The numbers of the last plan, and of which cloud they are; null if there is none.
+export async function content() {
+  const answer = await fetch("content");
+  return answer.ok ? answer.json() : null;
+}
+
 export async function schema() {
   return (await fetch("schema")).json();
 }

@@ -25,6 +25,7 @@ export const WORDS = {
   noneAsked: "None: every seam is one that the search found.",
   planned: (out) => `Planned: the files are in ${out}.`,
   unplanned: "Edited since the last plan: the picture and the files are those before.",
+  drawing: "Edited: the picture and the files follow.",
   nothing: "Nothing is planned yet.",
   gone: "The server has ended. Start `weldpath open` again; everything up to the last plan is in its folder.",
   stages: {
