@@ -154,16 +154,16 @@ impl CameraEvidence {
     }
 
     /// What pairs of views that contradict each other add to the covariance of the motions of all views but the first: the
-    /// outer products of what each pair's own residuals do to the solution.
-    pub(super) fn contradictions(&self, covariance: &DMatrix<f64>) -> DMatrix<f64> {
-        let n = covariance.nrows();
+    /// outer products of what each pair's own residuals do to the solution; `gain` is what a pull on these motions does to them.
+    pub(super) fn contradictions(&self, gain: &DMatrix<f64>) -> DMatrix<f64> {
+        let n = gain.nrows();
         let mut by_pair = BTreeMap::<[usize; 2], DVector<f64>>::new();
         for tie in &self.ties {
             let [i, j] = tie.views;
             let does = by_pair.entry([i.min(j), i.max(j)]).or_insert_with(|| DVector::zeros(n));
             for (view, sign) in [(i, 1.0), (j, -1.0)] {
                 let Some(k) = view.checked_sub(1) else { continue };
-                *does += covariance.columns(6 * k, 6) * (tie.motion_pull * sign);
+                *does += gain.columns(6 * k, 6) * (tie.motion_pull * sign);
             }
         }
         let mut all = DMatrix::zeros(n, by_pair.len());

@@ -17,7 +17,7 @@ use super::trace::chain::TraceConfig;
 use super::trace::corner::{self, CornerConfig};
 use super::trace::support::{self, Support};
 use super::trace::{Chain, InsideCorner, step};
-use super::{Seam, Station};
+use super::{Joint, Seam, Station};
 use nalgebra::Point3;
 
 /// What became of the wish for a seam.
@@ -103,6 +103,7 @@ impl Wish<'_> {
         for (corners, trace) in attempts {
             match self.best(&traced(self.input, corners, &trace)) {
                 Err(why) => missed = missed.or(why),
+                Ok(Answer::Found(lap)) if lap.joint == Joint::Lap => return self.better_by_step(lap),
                 Ok(answer) => return answer,
             }
         }
@@ -110,6 +111,14 @@ impl Wish<'_> {
         match self.step() {
             Ok(answer) => answer,
             Err(why) => Answer::Nothing(missed.or(why).unwrap_or_else(|| self.absent(&near, on_table))),
+        }
+    }
+
+    /// A lap, or the step at its place, whichever is surer: the side of a thin sheet is narrow to fit a face to.
+    fn better_by_step(&self, lap: Box<Seam>) -> Answer {
+        match self.step() {
+            Ok(Answer::Found(step)) if step.relative_error_mm < lap.relative_error_mm => Answer::Found(step),
+            _ => Answer::Found(lap),
         }
     }
 
@@ -153,7 +162,8 @@ impl Wish<'_> {
         }
         let v = self.input.model.voxel_mm();
         let cloud = &self.input.model.voxels.cloud;
-        let step = self.config.step.for_layers_of(cloud, v);
+        let plates = self.config.step;
+        let step = if self.input.scan.cameras_known { plates.for_layers_of(cloud, v) } else { plates };
         let mut corners = step::corners(cloud, v, &step);
         let table = self.table();
         corners.retain(|c| {

@@ -175,7 +175,10 @@ impl RegistrationProblem {
         let evidence = reached.solution.as_ref().map(Solution::evidence);
         let camera =
             reached.solution.as_ref().map(|solution| self.camera_evidence(solution, reached.residual_mm));
-        let contradictions = camera.as_ref().map(|camera| camera.contradictions(&covariance));
+        let contradictions = camera
+            .as_ref()
+            .zip(reached.solution.as_ref())
+            .map(|(camera, solution)| camera.contradictions(&solution.gain()));
         let covariance = contradictions.map_or(covariance.clone(), |more| covariance + more);
         let evidence = evidence.map(|surfaces| SurfaceEvidence { camera, ..surfaces });
         Registration {

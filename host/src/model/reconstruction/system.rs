@@ -213,6 +213,17 @@ impl Solution {
         DMatrix::from_fn(n, n, |r, c| scaled[(r, c)] * self.unit[r] * self.unit[c])
     }
 
+    /// What a pull on the increments does to them, as far as it is believed: along motions that the surfaces do not show a pull is
+    /// noise, and there the reported poses alone decide. `B P^-1` of it is believed, with `B` of the information `P = B + u I`.
+    pub(super) fn gain(&self) -> DMatrix<f64> {
+        let (n, unit) = (self.unit.len(), &self.unit);
+        let whole = (&self.seen + DMatrix::identity(n, n) * UNSEEN).cholesky();
+        let trust =
+            whole.map_or_else(|| DMatrix::identity(n, n), |whole| whole.solve(&self.seen).transpose());
+        let scaled = self.factor.solve(&trust);
+        DMatrix::from_fn(n, n, |r, c| scaled[(r, c)] * unit[r] * unit[c])
+    }
+
     /// What the surfaces alone tell, without the reported poses, about the poses after the step.
     pub(super) fn evidence(&self) -> SurfaceEvidence {
         let (n, unit) = (self.unit.len(), &self.unit);
