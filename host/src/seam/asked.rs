@@ -8,7 +8,9 @@ mod line;
 
 use self::line::{AskedLine, REACH_MM};
 use super::description::{is_sure_if_asked, left_out};
-use super::extraction::{STEP_ERROR_VOXELS, SeamConfig, corner_seam, refined, step_seam, traced};
+use super::extraction::{
+    STEP_ERROR_VOXELS, SeamConfig, corner_seam, refined, shows_better, shows_sheets, step_seam, traced,
+};
 use super::input::Input;
 use super::refine::frame::Frame;
 use super::refine::{Refined, layers, overlap};
@@ -114,10 +116,12 @@ impl Wish<'_> {
         }
     }
 
-    /// A lap, or the step at its place, whichever is surer: the side of a thin sheet is narrow to fit a face to.
+    /// A lap, or the step at its place if that shows it better.
     fn better_by_step(&self, lap: Box<Seam>) -> Answer {
         match self.step() {
-            Ok(Answer::Found(step)) if step.relative_error_mm < lap.relative_error_mm => Answer::Found(step),
+            Ok(Answer::Found(step)) if shows_better(&step, &lap, self.input.model.voxel_mm()) => {
+                Answer::Found(step)
+            }
             _ => Answer::Found(lap),
         }
     }
@@ -163,7 +167,7 @@ impl Wish<'_> {
         let v = self.input.model.voxel_mm();
         let cloud = &self.input.model.voxels.cloud;
         let plates = self.config.step;
-        let step = if self.input.scan.cameras_known { plates.for_layers_of(cloud, v) } else { plates };
+        let step = if shows_sheets(self.input) { plates.for_layers_of(cloud, v) } else { plates };
         let mut corners = step::corners(cloud, v, &step);
         let table = self.table();
         corners.retain(|c| {

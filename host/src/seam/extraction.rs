@@ -5,6 +5,7 @@
 
 use super::description::{Identity, described, is_sure, left_out};
 use super::input::Input;
+use super::measure::dimension::Quantity;
 use super::measure::{fitup, joint};
 use super::ordering::{mark_branches, order};
 use super::refine::{RefineConfig, Refined, expected, layers, overlap, rounds};
@@ -39,6 +40,9 @@ const BLURRED_ERROR_VOXELS: f64 = 0.15;
 pub(super) const STEP_ERROR_VOXELS: f64 = 1.0;
 /// A lap and a step nearer to each other than this are one seam, voxels: a thin side leaves its foot this uncertain.
 const NEAR_VOXELS: f64 = 3.0;
+/// Sides of plates that are narrower are of sheet, voxels: those at both edges hold points of other faces, and normals are taken
+/// over three.
+const NARROW_VOXELS: f64 = 4.0;
 /// Ends of seams that are no farther apart meet in a junction, voxels.
 const JUNCTION_VOXELS: f64 = 6.0;
 /// Longest stretch without points in an arc that closes a loop, in the longest that is bridged elsewhere.
@@ -64,10 +68,10 @@ pub fn find(input: &Input, config: &SeamConfig) -> Found {
         .into_iter()
         .partition(|seam| is_sure(&input.scan, seam) && seam.relative_error_mm < most_error_mm);
     let is_lap = |seam: &Seam| seam.joint == Joint::Lap;
-    if input.cues.steps && (seams.is_empty() || seams.iter().chain(&unsure).any(is_lap)) {
+    if input.cues.steps && (seams.is_empty() || seams.iter().any(is_lap)) {
         let mut steps = step_seams(input, table.as_ref(), config);
         if !seams.is_empty() {
-            steps.retain(|step| is_better(step, seams.iter().chain(&unsure).filter(|seam| is_lap(seam)), v));
+            steps.retain(|step| is_better(step, seams.iter().filter(|seam| is_lap(seam)), v));
         }
         for worse in [&mut seams, &mut unsure] {
             worse.retain(|seam| !is_lap(seam) || !steps.iter().any(|step| is_beside(seam, step, v)));
@@ -203,11 +207,17 @@ pub(super) fn corner_seam(input: &Input, chain: &Chain, seam: &Refined, most_mm:
     described(&input.scan, chain, seam, &expected, Identity { joint, reason, dimensions })
 }
 
-/// Whether the step at the place of some laps shows them better: the side of a thin sheet is narrow to fit a face to, its
-/// edge is not.
+/// Whether the step at the place of some laps shows them better.
 fn is_better<'a>(step: &Seam, laps: impl Iterator<Item = &'a Seam>, voxel_mm: f32) -> bool {
-    let errors = laps.filter(|lap| is_beside(lap, step, voxel_mm)).map(|lap| lap.relative_error_mm);
-    errors.reduce(f64::min).is_some_and(|least| step.relative_error_mm < least)
+    let mut beside = laps.filter(|lap| is_beside(lap, step, voxel_mm)).peekable();
+    beside.peek().is_some() && beside.all(|lap| shows_better(step, lap, voxel_mm))
+}
+
+/// Whether a step shows the lap at its place better: the side of a thin sheet is narrow to fit a face to, its edge is not.
+pub(super) fn shows_better(step: &Seam, lap: &Seam, voxel_mm: f32) -> bool {
+    let heights = step.dimensions.iter().filter(|d| d.quantity == Quantity::SheetThickness);
+    let height_mm = heights.filter_map(|d| d.value.as_ref().ok()).map(|height| height.value).sum::<f64>();
+    height_mm < NARROW_VOXELS * f64::from(voxel_mm) && step.relative_error_mm < lap.relative_error_mm
 }
 
 /// Whether most of a lap runs beside a step.
@@ -235,15 +245,17 @@ fn step_seams(input: &Input, table: Option<&Support>, config: &SeamConfig) -> Ve
         });
         seams
     };
-    // Where no camera tells what hides what, a model's hidden faces are in the cloud, too, and thin layers are anywhere.
-    let sheets = || seams(&config.step.for_layers_of(cloud, v));
-    let plates = || seams(&config.step);
-    let found = if input.scan.cameras_known { sheets() } else { plates() };
-    match (found.is_empty(), input.scan.cameras_known) {
-        (false, _) => found,
-        (true, true) => plates(),
-        (true, false) => sheets(),
+    if !shows_sheets(input) {
+        return seams(&config.step);
     }
+    let sheets = seams(&config.step.for_layers_of(cloud, v));
+    if sheets.is_empty() { seams(&config.step) } else { sheets }
+}
+
+/// Whether layers as near to each other as those of sheet may be told apart: one view alone shows no layer twice, and where no
+/// camera tells what hides what, a model's hidden faces are in the cloud, too.
+pub(super) fn shows_sheets(input: &Input) -> bool {
+    input.scan.cameras_known && input.scan.merged.cameras_mm.len() > 1
 }
 
 /// A refined chain at the foot of a step.

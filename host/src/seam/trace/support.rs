@@ -53,6 +53,8 @@ const HALF_DEVIATIONS: f32 = 3.0;
 /// Cosine within which a normal is of the same plane where their mean is its direction: 8 degrees, three standard deviations
 /// of the normals of thin noisy voxels.
 const ALIGNED: f32 = 0.99;
+/// Heights among which the lowest layer is sought, at most.
+const SAMPLE: usize = 5000;
 /// Two layers are told apart where the heights between them are spread this many times as thinly as in the lower one.
 const VALLEY: f32 = 3.0;
 /// So many points to a window of heights that is narrower than this count as this wide, voxels: single precision and
@@ -85,7 +87,9 @@ pub struct Support {
     pub normal: Vector3<f32>,
     /// Distance of the plane from the cloud's origin along `normal`, mm.
     pub offset_mm: f32,
-    /// Half thickness within which a point belongs to it, mm.
+    /// Three standard deviations of its points, mm.
+    own_mm: f32,
+    /// Half thickness within which a point belongs to it, mm: as much, or a voxel.
     pub half_mm: f32,
     /// Height from which on a face is not its own, but that of a sheet which lies on it, mm.
     pub clear_mm: f32,
@@ -124,7 +128,9 @@ pub fn find(voxels: &Voxels) -> Option<Support> {
         let holds = |b: &Support| MIXED * b.half_mm < a.half_mm && a.normal.dot(&b.normal) > SAME_FACE;
         !found.iter().any(holds)
     };
-    found.iter().filter(is_layer).max_by(|a, b| a.share.total_cmp(&b.share)).copied()
+    let table = found.iter().filter(is_layer).max_by(|a, b| a.share.total_cmp(&b.share))?;
+    let clear_mm = table.sheet_mm(voxels).map_or(table.clear_mm, |height| HALFWAY * height);
+    Some(Support { clear_mm, ..*table })
 }
 
 /// Mean normals of the most common directions.
@@ -174,18 +180,23 @@ fn fitted(voxels: &Voxels, normal: &Vector3<f32>) -> Option<Support> {
     let middle_mm = lowest_layer_mm(&heights, bin_mm, least)?;
     // A sheet on the table is another layer within the bin, and would lift, tilt and thicken it.
     let near = |h: &&f32| (**h - middle_mm).abs() < 2.0 * bin_mm;
-    let mut near: Vec<f32> = heights.iter().filter(near).copied().collect();
+    let every = heights.len() / SAMPLE + 1;
+    let mut near: Vec<f32> = heights.iter().step_by(every).filter(near).copied().collect();
     near.sort_unstable_by(f32::total_cmp);
-    let lowest = Heights { sorted_mm: &near, voxel_mm: voxels.edge_mm }.lowest(least as usize)?;
+    let lowest = Heights { sorted_mm: &near, voxel_mm: voxels.edge_mm }.lowest(least as usize / every)?;
     let within_mm = (TRIM * lowest.deviation_mm).max(TRIM_VOXELS * voxels.edge_mm);
     let Layer { normal, offset_mm, deviation_mm, count } =
         layer(&facing, normal, lowest.middle_mm, within_mm);
-    let half_mm = (HALF_DEVIATIONS * TRIMMED * deviation_mm).max(voxels.edge_mm);
-    let support =
-        Support { normal, offset_mm, half_mm, clear_mm: SAME_HALVES * half_mm, share: count / total };
-    let sheet_mm = support.sheet_mm(&facing, HALF_DEVIATIONS * TRIMMED * deviation_mm, voxels.edge_mm);
-    let clear_mm = sheet_mm.map_or(support.clear_mm, |height| HALFWAY * height);
-    Some(Support { clear_mm, ..support })
+    let own_mm = HALF_DEVIATIONS * TRIMMED * deviation_mm;
+    let half_mm = own_mm.max(voxels.edge_mm);
+    Some(Support {
+        normal,
+        offset_mm,
+        own_mm,
+        half_mm,
+        clear_mm: SAME_HALVES * half_mm,
+        share: count / total,
+    })
 }
 
 /// Heights over a plane, sorted.
@@ -221,15 +232,16 @@ impl Heights<'_> {
         Some(Mode { middle_mm, deviation_mm })
     }
 
-    /// Where `count` of them lie closest beyond heights that are spread more thinly by far, if anywhere.
-    fn beyond_valley(&self, count: usize) -> Option<f32> {
+    /// Where `count` of them lie closest, higher than the lower layer's own scatter reaches and beyond heights that are spread more
+    /// thinly by far, if anywhere.
+    fn beyond_valley(&self, count: usize, own_mm: f32) -> Option<f32> {
         let least_mm = LEAST_WIDTH_VOXELS * self.voxel_mm;
         let mut widest_mm = 0.0f32;
         let mut densest: Option<(f32, usize)> = None;
         for (k, window) in self.sorted_mm.windows(count).enumerate() {
             let width_mm = (window[count - 1] - window[0]).max(least_mm);
             widest_mm = widest_mm.max(width_mm);
-            let is_beyond = VALLEY * width_mm < widest_mm;
+            let is_beyond = VALLEY * width_mm < widest_mm && window[count / 2] > own_mm;
             if is_beyond && densest.is_none_or(|(least, _)| width_mm < least) {
                 densest = Some((width_mm, k));
             }
@@ -241,14 +253,18 @@ impl Heights<'_> {
 impl Support {
     /// Height of a sheet that lies on it no higher than it would pass for it, if there is one: heights lie closest there beyond a
     /// valley, and it hides what of the table is under it. What two views see twice lies over itself.
-    fn sheet_mm(&self, facing: &[Vector3<f32>], own_mm: f32, voxel_mm: f32) -> Option<f32> {
+    fn sheet_mm(&self, voxels: &Voxels) -> Option<f32> {
+        let (own_mm, voxel_mm) = (self.own_mm, voxels.edge_mm);
         let height = |p: &Vector3<f32>| self.height_mm(&Point3::from(*p));
+        let both = voxels.cloud.points_mm.iter().zip(&voxels.cloud.normals);
+        let facing: Vec<Vector3<f32>> =
+            both.filter(|(_, n)| n.dot(&self.normal) > FACING).map(|(p, _)| p.coords).collect();
         let own = facing.iter().filter(|p| height(p).abs() < own_mm).count();
         let over = |h: &f32| (0.0..self.clear_mm / HALFWAY).contains(h);
         let mut sorted_mm: Vec<f32> = facing.iter().map(height).filter(over).collect();
         sorted_mm.sort_unstable_by(f32::total_cmp);
         let least = ((LAYER_SHARE * own as f32) as usize).max(LEAST_LAYER);
-        let sheet_mm = Heights { sorted_mm: &sorted_mm, voxel_mm }.beyond_valley(least)?;
+        let sheet_mm = Heights { sorted_mm: &sorted_mm, voxel_mm }.beyond_valley(least, own_mm)?;
         let axes = self.axes()?;
         let cell = |p: &Vector3<f32>| axes.map(|axis| (axis.dot(p) / voxel_mm).floor() as i32);
         let near_mm = own_mm.min(HALFWAY * sheet_mm);
