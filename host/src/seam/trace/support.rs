@@ -172,9 +172,7 @@ fn along(voxels: &Voxels, direction: &Vector3<f32>) -> Option<Support> {
 fn fitted(voxels: &Voxels, normal: &Vector3<f32>) -> Option<Support> {
     let total = voxels.cloud.len() as f32;
     let bin_mm = BIN_VOXELS * voxels.edge_mm;
-    let PointCloud { points_mm, normals, .. } = &voxels.cloud;
-    let facing = points_mm.iter().zip(normals).filter(|(_, n)| n.dot(normal) > FACING);
-    let facing: Vec<Vector3<f32>> = facing.map(|(p, _)| p.coords).collect();
+    let facing = facing(&voxels.cloud, normal);
     let heights: Vec<f32> = facing.iter().map(|p| normal.dot(p)).collect();
     let least = LEAST_SHARE * PEAK_SHARE * total;
     let middle_mm = lowest_layer_mm(&heights, bin_mm, least)?;
@@ -199,6 +197,12 @@ fn fitted(voxels: &Voxels, normal: &Vector3<f32>) -> Option<Support> {
     })
 }
 
+/// The points that face about as a plane does.
+fn facing(cloud: &PointCloud, normal: &Vector3<f32>) -> Vec<Vector3<f32>> {
+    let both = cloud.points_mm.iter().zip(&cloud.normals);
+    both.filter(|(_, n)| n.dot(normal) > FACING).map(|(p, _)| p.coords).collect()
+}
+
 /// Heights over a plane, sorted.
 struct Heights<'a> {
     sorted_mm: &'a [f32],
@@ -212,13 +216,17 @@ struct Mode {
 }
 
 impl Heights<'_> {
+    /// How far `count` successive heights are spread, from each one on.
+    fn widths_mm(&self, count: usize) -> impl Iterator<Item = f32> {
+        let least_mm = LEAST_WIDTH_VOXELS * self.voxel_mm;
+        self.sorted_mm.windows(count).map(move |window| (window[count - 1] - window[0]).max(least_mm))
+    }
+
     /// The lowest layer of at least `count` points: where so many lie closest, up to where they lie far more thinly.
     fn lowest(&self, count: usize) -> Option<Mode> {
         let count = count.max(2);
-        let least_mm = LEAST_WIDTH_VOXELS * self.voxel_mm;
         let mut densest: Option<(f32, usize)> = None;
-        for (k, window) in self.sorted_mm.windows(count).enumerate() {
-            let width_mm = (window[count - 1] - window[0]).max(least_mm);
+        for (k, width_mm) in self.widths_mm(count).enumerate() {
             match densest {
                 Some((least, _)) if width_mm > VALLEY * least => break,
                 Some((least, _)) if width_mm >= least => {}
@@ -235,13 +243,11 @@ impl Heights<'_> {
     /// Where `count` of them lie closest, higher than the lower layer's own scatter reaches and beyond heights that are spread more
     /// thinly by far, if anywhere.
     fn beyond_valley(&self, count: usize, own_mm: f32) -> Option<f32> {
-        let least_mm = LEAST_WIDTH_VOXELS * self.voxel_mm;
         let mut widest_mm = 0.0f32;
         let mut densest: Option<(f32, usize)> = None;
-        for (k, window) in self.sorted_mm.windows(count).enumerate() {
-            let width_mm = (window[count - 1] - window[0]).max(least_mm);
+        for (k, width_mm) in self.widths_mm(count).enumerate() {
             widest_mm = widest_mm.max(width_mm);
-            let is_beyond = VALLEY * width_mm < widest_mm && window[count / 2] > own_mm;
+            let is_beyond = VALLEY * width_mm < widest_mm && self.sorted_mm[k + count / 2] > own_mm;
             if is_beyond && densest.is_none_or(|(least, _)| width_mm < least) {
                 densest = Some((width_mm, k));
             }
@@ -256,9 +262,7 @@ impl Support {
     fn sheet_mm(&self, voxels: &Voxels) -> Option<f32> {
         let (own_mm, voxel_mm) = (self.own_mm, voxels.edge_mm);
         let height = |p: &Vector3<f32>| self.height_mm(&Point3::from(*p));
-        let both = voxels.cloud.points_mm.iter().zip(&voxels.cloud.normals);
-        let facing: Vec<Vector3<f32>> =
-            both.filter(|(_, n)| n.dot(&self.normal) > FACING).map(|(p, _)| p.coords).collect();
+        let facing = facing(&voxels.cloud, &self.normal);
         let own = facing.iter().filter(|p| height(p).abs() < own_mm).count();
         let over = |h: &f32| (0.0..self.clear_mm / HALFWAY).contains(h);
         let mut sorted_mm: Vec<f32> = facing.iter().map(height).filter(over).collect();
