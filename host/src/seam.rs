@@ -109,6 +109,8 @@ pub struct Seam {
     pub base_error_mm: f64,
     /// The same of the torch orientation, degrees.
     pub base_error_deg: f64,
+    /// Whether it may be where the work is held, or of what holds it, and not to be welded.
+    pub contact: bool,
     /// What was measured of the joint.
     pub dimensions: Vec<Dimension>,
     /// What the user should know about this seam.

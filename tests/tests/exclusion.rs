@@ -1,5 +1,5 @@
 //! What is scanned and is no work, on a T joint between two vise jaws. Truth is the simulator's: two seams; where the jaws touch
-//! the plate there is none.
+//! the plate there is none. Walls that a rib holds to the plate are no jaws.
 
 use std::path::Path;
 use std::sync::LazyLock;
@@ -15,6 +15,7 @@ use weldpath::pipeline::{Plan, PlanError};
 use weldpath::run::job::Job;
 use weldpath::run::planning;
 use weldpath::run::postprocessing::{Output, postprocess};
+use weldpath::seam::Seam;
 
 type Triangle = [Point3<f64>; 3];
 
@@ -144,9 +145,38 @@ fn beyond_jaw(seam: usize) -> String {
 }
 
 #[test]
-fn jaws_make_false_seams_where_nothing_says_that_they_are_no_work() {
-    assert!(PLAIN.score.false_share > 0.3 && PLAIN.plan.seams.len() > 2);
+fn jaws_that_nothing_excludes_are_named_and_welded_only_if_that_is_accepted() {
+    let contacts: Vec<&Seam> = PLAIN.plan.seams.iter().filter(|seam| seam.contact).collect();
+    assert_eq!((contacts.len(), PLAIN.plan.seams.len()), (2, 4));
+    assert!(contacts.iter().all(|seam| seam.confidence <= 0.5));
+    let named = PLAIN.output.summary.verdict().reasons.iter().filter(|one| one.id == ReasonId::MayBeContact);
+    assert_eq!(
+        named.filter_map(|one| one.seam).collect::<Vec<_>>(),
+        contacts.iter().map(|seam| seam.id).collect::<Vec<_>>()
+    );
+    assert!(PLAIN.score.coverage > 0.98 && PLAIN.score.false_share == 0.0);
     assert!(PLAIN.collides());
+    let accepted = Run::of(CLAMPED.0.clone(), "accept = [\"may-be-contact\"]\n");
+    assert!(accepted.score.false_share > 0.3, "{}", accepted.score.false_share);
+}
+
+/// Walls as jaws are, with a rib between them that is as high as `rib_mm`.
+fn channel(rib_mm: f64) -> Vec<Triangle> {
+    let wall = |low: f64| cuboid([-120.0, low, 0.0], [120.0, low + 10.0, 50.0]);
+    let plate = cuboid([-100.0, -JAW_MM, 0.0], [100.0, JAW_MM, 8.0]);
+    let rib = cuboid([-4.0, -JAW_MM, 8.0], [4.0, JAW_MM, 8.0 + rib_mm]);
+    [plate, wall(-JAW_MM - 10.0), wall(JAW_MM), rib].concat()
+}
+
+#[test]
+fn walls_that_a_rib_braces_are_of_the_work() {
+    let scan = read(&simulated(channel(30.0), welds(), 6));
+    let plan = planning::plan(&scan, &job(""), &mut ()).expect("a plan");
+    assert!(
+        plan.seams.len() >= 4 && plan.seams.iter().all(|seam| !seam.contact),
+        "{} seams",
+        plan.seams.len()
+    );
 }
 
 #[test]
@@ -173,9 +203,8 @@ fn an_excluded_seam_is_gone_and_the_other_stays_where_it_is() {
     let line = &CLAMPED.1.seams[0].p;
     let middle = nalgebra::center(&Point3::from(line[0]), &Point3::from(line[line.len() - 1]));
     let run = Run::of(CLAMPED.0.clone(), &beyond_jaw(1));
-    let near_jaw = |seam: &weldpath::seam::Seam| {
-        seam.stations.iter().all(|station| (station.position_mm - middle).norm() > 40.0)
-    };
+    let near_jaw =
+        |seam: &Seam| seam.stations.iter().all(|station| (station.position_mm - middle).norm() > 40.0);
     assert!(run.plan.seams.iter().filter(|seam| near_jaw(seam)).count() <= 1, "one jaw is left");
     assert!(run.score.coverage > 0.98 && run.score.false_share > 0.1);
 }

@@ -156,6 +156,7 @@ mod tests {
             expected_error_deg: 0.5,
             base_error_mm: 0.6,
             base_error_deg: 0.7,
+            contact: false,
             dimensions: vec![],
             warnings: vec!["the last 20 mm were seen by one view only".into()],
         };

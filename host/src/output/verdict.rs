@@ -101,6 +101,8 @@ reasons! {
     AskedNotThere => "asked-not-there", Check;
     /// A seam whose error is over the limit; it is not welded.
     SeamUncertain => "seam-uncertain", Check;
+    /// A seam that may be where the work is held; it is not welded.
+    MayBeContact => "may-be-contact", Check;
     /// The tip may be farther from a seam in the robot's base frame than the limit.
     BaseErrorOverLimit => "base-error-over-limit", Check;
     /// The torch would touch what was scanned.

@@ -128,11 +128,12 @@ pub fn of_plan(plan: &Plan, job: &Job) -> Vec<Finding> {
     found
 }
 
-/// Seams that are found but not welded: over the limit, and not accepted.
+/// Seams that are found but not welded: over the limit, or perhaps contacts with what holds the work, and not accepted.
 ///
 /// Where all are over the limit the plan is refused, and none is left out, so that the files show what was found.
 pub fn left_out(plan: &Plan, job: &Job) -> BTreeSet<usize> {
-    let out = |finding: &Finding| finding.id == ReasonId::SeamUncertain && !job.accept.contains(&finding.id);
+    let keeps_out = [ReasonId::SeamUncertain, ReasonId::MayBeContact];
+    let out = |finding: &Finding| keeps_out.contains(&finding.id) && !job.accept.contains(&finding.id);
     of_seams(plan).into_iter().filter(out).filter_map(|finding| finding.seam).collect()
 }
 
@@ -225,6 +226,12 @@ fn of_seams(plan: &Plan) -> Vec<Finding> {
         };
         found.extend(uncertain.iter().map(left_out));
     }
+    let contact = |seam: &Seam| {
+        let words = "it may be where the work is held, or of what holds it: the faces on both sides of the work look at each other and \
+                     nothing else ties them to it. It is not welded";
+        Finding::of_seam(ReasonId::MayBeContact, seam.id, words)
+    };
+    found.extend(plan.seams.iter().filter(|seam| seam.contact).map(contact));
     found.extend(beyond_scan(plan));
     found
 }

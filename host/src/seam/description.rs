@@ -63,6 +63,7 @@ pub(super) fn described(
         error_parts: expected.parts,
         base_error_mm: expected.base_mm,
         base_error_deg: expected.base_rad.to_degrees(),
+        contact: false,
         dimensions,
         warnings: warnings(scan, seam, expected),
     }

@@ -6,7 +6,7 @@
 use super::description::{Identity, described, is_sure, left_out};
 use super::input::Input;
 use super::measure::dimension::Quantity;
-use super::measure::{fitup, joint};
+use super::measure::{fitup, grip, joint};
 use super::ordering::{mark_branches, order};
 use super::refine::{RefineConfig, Refined, expected, layers, overlap, rounds};
 use super::score::edges;
@@ -80,6 +80,8 @@ pub fn find(input: &Input, config: &SeamConfig) -> Found {
     }
     mark_branches(&mut seams, JUNCTION_VOXELS * f64::from(v));
     order(&mut seams);
+    let on_table = corners.on_table.iter().map(|corner| corner.position);
+    grip::mark_contacts(&mut seams, &corners.off_table, on_table, &input.model);
     Found {
         seams,
         reason: unsure.first().map_or_else(|| corners.reason().into(), left_out),
