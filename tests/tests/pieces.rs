@@ -10,7 +10,7 @@ use weldpath::output::verdict::ReasonId;
 use weldpath::pipeline::{self, Plan};
 use weldpath::run::job::Job;
 use weldpath::run::postprocessing::postprocess;
-use weldpath::seam::Seam;
+use weldpath::seam::{Joint, Seam};
 
 const SEED: u64 = 41;
 
@@ -62,6 +62,13 @@ fn leaning_webs_and_deep_and_half_grooves_are_one_seam_each() {
     }
     assert_one_seam(&Request::new(Part::HalfV, SEED), 0.3, 1.0);
     assert_one_seam(&Request { thickness_mm: Some(25.0), ..Request::new(Part::ButtV, SEED) }, 0.3, 1.5);
+}
+
+/// Straight sides and round corners of 6 mm.
+#[test]
+fn a_square_tube_is_one_closed_seam() {
+    let plan = assert_one_seam(&Request::new(Part::SquareTube, SEED), 0.5, 2.0);
+    assert!(plan.seams[0].closed && plan.seams[0].joint == Joint::Pipe);
 }
 
 /// The table is told from the sheet on it by the data's own noise, and the sheet's edge where it is too narrow for a face.

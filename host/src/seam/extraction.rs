@@ -8,7 +8,7 @@ use super::input::Input;
 use super::measure::dimension::Quantity;
 use super::measure::{fitup, grip, joint};
 use super::ordering::{mark_branches, order};
-use super::refine::{RefineConfig, Refined, expected, layers, overlap, rounds};
+use super::refine::{RefineConfig, Refined, bend, expected, layers, overlap, rounds};
 use super::score::edges;
 use super::trace::chain::{self, TraceConfig, Traced};
 use super::trace::corner::{self, CornerConfig};
@@ -154,6 +154,8 @@ fn corner_seams(input: &Input, corners: &Corners, config: &SeamConfig) -> Vec<Se
         chains = traced(input, &corners.off_table, &config.trace.blurred());
     }
     let refined = refined_apart(input, &chains, config, |chain| refined(input, chain, config));
+    let refined = refined.into_iter().map(|(chain, seam)| (chain.clone(), seam)).collect();
+    let refined = bend::joined(refined, input.model.index, input.model.voxel_mm());
     let most_mm = config.refine.reach * input.model.voxel_mm();
     refined.iter().map(|(chain, seam)| corner_seam(input, chain, seam, most_mm)).collect()
 }

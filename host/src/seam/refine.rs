@@ -6,8 +6,9 @@
 //!
 //! [`rounds`] does this for inside corners, [`layers`] for the feet of steps. Both put points into the coordinates of a
 //! `path` ([`beside`]), gather them in `windows`, fit them ([`face`], `reach`, `sections`) to `station`s, and smooth these
-//! to a seam (`stretch`, [`smooth`]). [`overlap`] keeps seams apart, [`expected`] says how wrong they may be.
+//! to a seam (`stretch`, [`smooth`]). [`overlap`] keeps seams apart, [`bend`] joins them round rounded corners, [`expected`] says how wrong they may be.
 
+pub mod bend;
 pub mod beside;
 pub mod expected;
 pub mod face;

@@ -49,6 +49,15 @@ pub struct ChainLink {
 }
 
 impl Chain {
+    /// Goes on as another; where, its links do not tell.
+    pub fn take(&mut self, other: Self) {
+        let support = self.support + other.support;
+        let part = |chain: &Self| chain.share * chain.support as f32 / support.max(1) as f32;
+        self.share = part(self) + part(&other);
+        self.support = support;
+        self.links.extend(other.links);
+    }
+
     /// Length along the links, mm.
     pub fn length_mm(&self) -> f32 {
         self.links.windows(2).map(|w| (w[1].position - w[0].position).norm()).sum()
