@@ -78,7 +78,9 @@ pub(super) fn check(job: &Job, text: &str, path: &Path) -> Result<(), Error> {
         let why = "the paper's method fits no faces, and can look for no seam that is asked for";
         return refuse(line_of_key(text, "[[ask]]"), why, "leave method = \"paper\" out, or [[ask]]");
     }
-    let welds = std::iter::once(job.weld()).chain(job.seams.iter().map(layer::SeamSettings::weld));
+    let of_joints = job.joints.values().map(layer::JointSettings::weld);
+    let of_seams = job.seams.iter().map(layer::SeamSettings::weld);
+    let welds = std::iter::once(job.weld()).chain(of_joints).chain(of_seams);
     if let Some([a, b]) = welds.flat_map(|weld| exclusive(&weld)).next() {
         let why = format!("{a} and {b} exclude each other");
         return refuse(line_of_key(text, b), &why, "keep one of the two lines");
