@@ -76,8 +76,8 @@ impl Axes {
         (p_mm - self.origin_mm).dot(&self.tangent)
     }
 
-    /// From the root into a face, on the side of the other one's air.
-    fn into_face(&self, faces: &[Vector3<f64>; 2], k: usize) -> [f64; 2] {
+    /// From the root along a face, on the side of the other one's air.
+    fn along_face(&self, faces: &[Vector3<f64>; 2], k: usize) -> [f64; 2] {
         let along = self.tangent.cross(&faces[k]);
         let along = if along.dot(&faces[1 - k]) < 0.0 { -along } else { along };
         self.direction(&along.try_normalize(1e-9).unwrap_or_default())
@@ -108,7 +108,7 @@ pub fn section(plan: &Plan, welded: &[SeamPath], id: usize, at_mm: f64) -> Resul
         root_mm: axes.origin_mm.into(),
         tangent: axes.tangent.into(),
         points_mm: slab(plan, &axes, half_slab_mm),
-        faces: [0, 1].map(|k| axes.into_face(&station.faces, k)),
+        faces: [0, 1].map(|k| axes.along_face(&station.faces, k)),
         torches,
         error_mm: known(seam.tip_error_mm()),
         relative_mm: known(seam.relative_error_mm),
@@ -164,8 +164,8 @@ mod tests {
         let near = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).abs() < 1e-9 && (a[1] - b[1]).abs() < 1e-9;
         let faces = station(0.0).faces;
         // Looking along +y with z up, +x is to the right: the floor is on the right, the wall on the left.
-        assert!(near(axes.into_face(&faces, 0), [half, half]), "{:?}", axes.into_face(&faces, 0));
-        assert!(near(axes.into_face(&faces, 1), [-half, half]), "{:?}", axes.into_face(&faces, 1));
+        assert!(near(axes.along_face(&faces, 0), [half, half]), "{:?}", axes.along_face(&faces, 0));
+        assert!(near(axes.along_face(&faces, 1), [-half, half]), "{:?}", axes.along_face(&faces, 1));
         let on_floor = axes.place(&Point3::new(15.0, 3.0, 1.0));
         assert!(near(on_floor, [7.071, 7.071]), "{on_floor:?}");
         assert_eq!(axes.ahead_mm(&Point3::new(15.0, 3.0, 1.0)), 3.0);

@@ -217,7 +217,7 @@ impl Opened<'_> {
             }
             "cancel" => self.session.cancel(),
             "plan" => {
-                if let Err(error) = planner::start(&self.session, Wish::Whole) {
+                if let Err(error) = planner::start(self.session, Wish::Whole) {
                     return refusal(StatusCode::SERVICE_UNAVAILABLE, &error.to_string());
                 }
             }

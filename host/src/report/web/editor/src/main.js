@@ -2,7 +2,7 @@
 // can be clicked, and puts another plan in its place: the numbers alone where the cloud is the same, else the whole page.
 
 import { $, el } from "../../src/dom.js";
-import { JOINTS, WORDS } from "./words.js";
+import { WORDS } from "./words.js";
 import { act, content, edit, follow, onState, schema as ofJob } from "./server.js";
 import { parts } from "./panel.js";
 import { Ends } from "./ends.js";
@@ -240,7 +240,7 @@ function render(state) {
   $("scope-seam").textContent = WORDS.scopeSeam(chosen());
   $("scope-seam").setAttribute("aria-pressed", String(id !== null));
   $("scope-joint").hidden = !jointOf(chosen());
-  $("scope-joint").textContent = WORDS.scopeJoint(JOINTS[jointOf(chosen())]);
+  $("scope-joint").textContent = WORDS.scopeJoint(jointOf(chosen()));
   $("scope-joint").setAttribute("aria-pressed", String(Boolean(where.joint)));
   $("scope-job").setAttribute("aria-pressed", String(id === null && !where.joint));
   $("actions").hidden = id === null;

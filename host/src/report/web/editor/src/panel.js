@@ -1,7 +1,7 @@
 // Everything that is set for a seam or for the whole job.
 
 import { el } from "../../src/dom.js";
-import { GROUPS, JOINTS, LABELS, WORDS } from "./words.js";
+import { GROUPS, LABELS, WORDS } from "./words.js";
 import { field, jobField, keysOf, setting } from "./fields.js";
 import { edit } from "./server.js";
 import { regions } from "./regions.js";
@@ -86,8 +86,11 @@ function passes(schema, scope, open) {
   return box;
 }
 
+// What a type with a few words may be.
+const namesOf = (schema, type) => schema.$defs[type].oneOf?.flatMap((one) => one.enum ?? [one.const]) ?? schema.$defs[type].enum;
+
 function formats(schema) {
-  const names = schema.$defs.Robot.oneOf?.flatMap((one) => one.enum ?? [one.const]) ?? schema.$defs.Robot.enum;
+  const names = namesOf(schema, "Robot");
   const boxes = names.map((name) => el("input", { type: "checkbox", value: name, "data-key": `formats.${name}`, onchange: () => edit({ edit: "set", seam: null, key: "formats", value: boxes.filter((box) => box.checked).map((box) => box.value) }) }));
   const box = el("fieldset", {}, el("legend", {}, WORDS.formats), boxes.map((one) => el("label", { class: "box" }, one, one.value)));
   box.update = (state) => boxes.forEach((one) => { one.checked = state.job.formats.includes(one.value); });
@@ -160,15 +163,14 @@ function command() {
 }
 
 // The joint type of one seam: as it was found, or as the user says.
-function joint(seam) {
-  const types = Object.keys(JOINTS);
+function joint(schema, seam) {
   const found = el("option", { value: "" });
   const select = el("select", { id: "set-joint", "data-key": "joint", title: WORDS.jointHint, onchange: (event) => edit(setting({ seam }, "joint", event.target.value || null)) },
-    found, types.map((type) => el("option", { value: type }, JOINTS[type])));
+    found, namesOf(schema, "Joint").map((type) => el("option", { value: type }, type)));
   const box = el("div", { class: "field" }, el("label", { for: "set-joint" }, WORDS.joint), select);
   box.update = (state) => {
     const own = seamOf(state, seam);
-    found.textContent = WORDS.foundJoint(JOINTS[own?.found_joint] ?? "");
+    found.textContent = WORDS.foundJoint(own?.found_joint ?? "");
     select.value = own?.own?.joint ?? "";
     box.classList.toggle("said", Boolean(select.value));
   };
@@ -179,7 +181,7 @@ function joint(seam) {
 export function parts(schema, state, scope, open, inPicture) {
   const layers = LAYERS.map((table) => settings(schema, table, scope, open.includes(table)));
   layers.push(passes(schema, scope, open.includes("passes")));
-  if (scope.seam) return [joint(scope.seam), section(group, inPicture.seam(scope.seam), open.includes("section"), inPicture.plane), ...layers];
+  if (scope.seam) return [joint(schema, scope.seam), section(group, inPicture.seam(scope.seam), open.includes("section"), inPicture.plane), ...layers];
   if (scope.joint) return layers;
   const of = (table) => settings(schema, table, {}, open.includes(table));
   return [formats(schema), robot(state), asked(open.includes("asked")), regions(group, open.includes("regions"), inPicture), of("order"), ...layers, tool(schema, open.includes("tool")), of("arc"), of("program"), of("torch_body"), command()];

@@ -126,8 +126,6 @@ export const WORDS = {
   keys: "Editing: A add a seam, E between two faces, B box, H plane, M measure, S cross-section, P plan, Escape cancel, Ctrl+Z undo, Ctrl+Y redo, X weld or leave out, R reverse, [ earlier, ] later, J seam, joint type or whole job, C copy as command.",
 };
 
-export const JOINTS = { "butt-v": "butt-v", fillet: "fillet", lap: "lap", corner: "corner", pipe: "pipe", saddle: "saddle", branch: "branch" };
-
 export const GROUPS = {
   asked: "Seams that were asked for",
   section: "Cross-section",
