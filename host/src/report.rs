@@ -13,13 +13,17 @@ mod points;
 mod ratio;
 mod recording;
 mod run;
+#[cfg(feature = "open")]
+mod section;
 
 pub use deviation::deviation;
 pub use page::with_deviation;
 #[cfg(feature = "open")]
-pub use page::{Edition, editable, numbers, waiting};
+pub use page::{Edition, editable, numbers, start, waiting};
 pub use recording::Recording;
 use run::Run;
+#[cfg(feature = "open")]
+pub use section::{Section, section};
 
 use crate::files::File;
 use crate::output::summary::{Source, Summary};

@@ -32,10 +32,11 @@ pub use input::{Cues, INDEX_VOXELS, Input, RawScan, SurfaceModel};
 use crate::model::orientation::Orientation;
 use measure::dimension::Dimension;
 use nalgebra::{Point3, Vector3};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// Joint type of a seam; the names are the same in files, options and messages.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Joint {
     /// Two bevels that meet below the surface of the plates.

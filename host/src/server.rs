@@ -1,7 +1,7 @@
 //! `weldpath open`: the report as a page that edits its job, and the server on 127.0.0.1 that it talks to.
 //!
-//! The page asks for four things: itself, the numbers of the last plan, the schema of a job, and the state of things, for which
-//! it waits until there is news. It does five: edit, undo, redo, plan, cancel. Nothing that it sends names a file. What it changes is the job; a
+//! The page asks for five things: itself, the numbers of the last plan, a cross-section of one of its seams, the schema of a job,
+//! and the state of things, for which it waits until there is news. It does five: edit, undo, redo, plan, cancel. Nothing that it sends names a file, but for what is typed on the start page. What it changes is the job; a
 //! plan writes the job with all other files of a run, and `weldpath plan --job` makes the same of it.
 
 mod command;
@@ -10,10 +10,13 @@ mod guard;
 mod http;
 mod planner;
 mod session;
+mod start;
 
 pub use session::Workplace;
+pub use start::{Choice, Chooser, Start};
 
 use crate::run::job::Job;
+use http::First;
 
 /// Plans `job` and shows it until Ctrl-C, or until no page is open any more. `announce` is told the page's address, and
 /// another that leads there once, to be handed to a browser.
@@ -23,5 +26,13 @@ use crate::run::job::Job;
 pub fn open(job: Job, workplace: Workplace, announce: impl FnOnce(&str, &str)) -> std::io::Result<()> {
     let session = session::Session::new(job, workplace);
     planner::start(&session, session::Wish::Whole)?;
-    http::serve(session, announce)
+    http::serve(First::Session(session), announce)
+}
+
+/// Shows a page on which something to open is chosen, and then that; else as [`open`].
+///
+/// # Errors
+/// If the system grants no port or no randomness.
+pub fn choose(start: Start, announce: impl FnOnce(&str, &str)) -> std::io::Result<()> {
+    http::serve(First::Start(start), announce)
 }

@@ -171,10 +171,14 @@ fn is_valid(value: &Value, schema: &Value, root: &Value) -> bool {
             value.as_object().is_none_or(|v| v.iter().all(known))
         }
         "additionalProperties" => {
-            assert_eq!(rule, &Value::Bool(false));
             let known = |key: &String| schema["properties"].get(key).is_some();
-            value.as_object().is_none_or(|v| v.keys().all(known))
+            value
+                .as_object()
+                .is_none_or(|v| v.iter().all(|(key, item)| known(key) || is_valid(item, rule, root)))
         }
+        "propertyNames" => value
+            .as_object()
+            .is_none_or(|v| v.keys().all(|key| is_valid(&Value::String(key.clone()), rule, root))),
         other => panic!("the checker does not know {other}"),
     })
 }
@@ -207,6 +211,8 @@ fn the_schema_accepts_the_documented_jobs_and_refuses_slips() {
         ("[weave]\nshape = \"sine\"", "[weave]\nshape = \"sinus\""),
         ("[[seam]]\nid = 1", "[[seam]]\nid = \"first\""),
         ("[[pass]]\ntorch.turn_deg = 5", "[[pass]]\ntorch.turn = 5"),
+        ("[joint.lap]\npath.feed_mm_s = 8", "[joint.scarf]\npath.feed_mm_s = 8"),
+        ("[[seam]]\nid = 1\njoint = \"lap\"", "[[seam]]\nid = 1\njoint = \"scarf\""),
         ("[order]\nup = [0, 0, 1]", "[order]\nup = [0, 1]"),
         ("[path]\npoints = 9", "[path]\npoints = 9.5"),
     ] {

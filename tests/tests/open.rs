@@ -5,6 +5,7 @@ use std::net::TcpStream;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde_json::{Value, json};
 use weldpath::geometry::cloud::View;
 use weldpath::input;
@@ -37,8 +38,12 @@ impl Open {
     }
 
     fn with(home: tempfile::TempDir, input: &Path) -> Self {
+        Self::start(home, &[input])
+    }
+
+    fn start(home: tempfile::TempDir, inputs: &[&Path]) -> Self {
         let mut running =
-            Running::start(weldpath().args(["open", "--no-browser"]).arg(input).current_dir(home.path()));
+            Running::start(weldpath().args(["open", "--no-browser"]).args(inputs).current_dir(home.path()));
         let address = running.wait_for(&["http://127.0.0.1:"]);
         let mut parts = address.strip_prefix("http://127.0.0.1:").expect("the address alone").split('/');
         let mut part = || parts.next().unwrap().to_owned();
@@ -279,6 +284,262 @@ fn a_seam_that_a_box_or_a_list_left_out_can_be_taken_in() {
     let mut order = order_in(&open.out());
     order.sort_unstable();
     assert_eq!(order, [1, 2]);
+}
+
+/// The box of a seam and 3 mm about it, as the page has its line.
+fn box_around(content: &Value, seam: &Value) -> Value {
+    let line = content["seams"].as_array().unwrap().iter().find(|one| one["id"] == *seam).unwrap();
+    let points = line["line_mm"].as_array().unwrap();
+    let bound = |pick: fn(f64, f64) -> f64, grown_mm: f64| {
+        [0, 1, 2]
+            .map(|axis| points.iter().map(|p| p[axis].as_f64().unwrap()).reduce(pick).unwrap() + grown_mm)
+    };
+    json!([bound(f64::min, -3.0), bound(f64::max, 3.0)])
+}
+
+fn roi(value: &Value) -> Value {
+    json!({ "edit": "set", "seam": null, "key": "selection.roi_mm", "value": value })
+}
+
+fn exclude(was: &Value, now: &Value) -> Value {
+    json!({ "edit": "exclude", "was": was, "now": now })
+}
+
+/// A cross whose programs are those of `same_files`, its state, and the box about the seam that is welded first.
+fn boxed() -> (Open, Value, Value) {
+    let (home, scan) = cross();
+    let open = Open::with(home, &scan);
+    open.planned(1);
+    open.edit(json!({ "edit": "set", "seam": null, "key": "formats", "value": ["ur", "abb"] }));
+    let first = open.planned(2);
+    let content: Value = serde_json::from_str(&open.get("content").body).unwrap();
+    let around = box_around(&content["content"], &json!(order_in(&open.out())[0]));
+    (open, first, around)
+}
+
+#[test]
+fn the_box_in_which_alone_is_welded_is_drawn_at_once_and_one_without_a_seam_is_refused() {
+    let (open, first, around) = boxed();
+    let found = order_in(&open.out());
+    open.edit(roi(&around));
+    open.planned(3);
+    assert_eq!(order_in(&open.out()), [found[0]]);
+    let words = open.refused(&roi(&json!([[9000, 0, 0], [9001, 1, 1]])));
+    assert!(words.contains("no seam has half of its points in the region of interest; seam"), "{words}");
+    open.edit(roi(&Value::Null));
+    assert_eq!(open.state()["job"], first["job"]);
+}
+
+/// Shares of each seam's welded points that lie in a box.
+fn shares_in(folder: &Path, region: &Value) -> Vec<f64> {
+    let csv = std::fs::read_to_string(folder.join("path.csv")).unwrap();
+    let is_in = |row: &&str| {
+        let columns: Vec<f64> = row.split(',').map(|v| v.parse().unwrap()).collect();
+        let bound = |end: usize, axis: usize| region[end][axis].as_f64().unwrap();
+        (0..3).all(|axis| (bound(0, axis)..=bound(1, axis)).contains(&columns[3 + axis]))
+    };
+    let share = |seam: u64| {
+        let own = || csv.lines().skip(1).filter(|row| row.starts_with(&format!("{seam},")));
+        own().filter(is_in).count() as f64 / own().count() as f64
+    };
+    order_in(folder).into_iter().map(share).collect()
+}
+
+#[test]
+fn what_is_excluded_by_a_click_holds_with_the_next_plan_and_the_command_plans_the_same() {
+    let (open, first, around) = boxed();
+    // A box far away, moved onto a seam, and all below the table.
+    let far = json!({ "box": [[9000.5, 0, 0], [9001, 1, 1]] });
+    let near = json!({ "box": around });
+    let below = json!({ "half_space": { "at_mm": [0, 0, -900], "toward": [0, 0, -1] } });
+    for (was, now) in [(&Value::Null, &far), (&far, &near), (&Value::Null, &below)] {
+        open.edit(exclude(was, now));
+    }
+    assert!(shares_in(&open.out(), &around).contains(&1.0), "nothing is sought before it is asked for");
+    let state = open.replan();
+    assert_eq!(state["job"]["exclude"]["boxes_mm"], json!([around]));
+    // Others may end in it, where they met that seam.
+    let shares = shares_in(&open.out(), &around);
+    assert!(!shares.is_empty() && shares.iter().all(|share| *share < 0.5), "{shares:?}");
+    ends_well(
+        weldpath()
+            .args(["plan", "--job", "out/job.toml", "--out", "again", "--quiet"])
+            .current_dir(open.home.path()),
+    );
+    same_files(&open.out(), &open.home.path().join("again"));
+    open.edit(exclude(&near, &Value::Null));
+    open.edit(exclude(&below, &Value::Null));
+    assert_eq!(open.state()["job"], first["job"]);
+}
+
+#[test]
+fn what_excludes_nothing_or_names_a_file_is_refused_in_words() {
+    let open = Open::new(&fixture("butt-v"));
+    let before = open.planned(1);
+    let nothing = Value::Null;
+    let unit = json!({ "box": [[0, 0, 0], [1, 1, 1]] });
+    let no_direction = json!({ "half_space": { "at_mm": [0, 0, 0], "toward": [0, 0, 0] } });
+    let background = json!({ "edit": "set", "seam": null, "key": "exclude.background", "value": "/etc" });
+    for (edit, words) in [
+        (exclude(&unit, &nothing), "not excluded any more"),
+        (exclude(&nothing, &json!({ "box": [[1, 0, 0], [0, 1, 1]] })), "the first corner has the greater x"),
+        (exclude(&nothing, &json!({ "box": [[0, 0, 0]] })), "length"),
+        (exclude(&nothing, &no_direction), "cannot be zero"),
+        (exclude(&nothing, &json!({ "background": "/etc" })), "unknown variant `background`"),
+        (background, "is nothing that this page sets"),
+    ] {
+        let said = open.refused(&edit);
+        assert!(said.contains(words), "{edit}: {said}");
+    }
+    assert_eq!(open.state()["job"], before["job"]);
+}
+
+/// What lies in a folder, by name.
+fn names_in(folder: &Path) -> Vec<String> {
+    let entries = std::fs::read_dir(folder).unwrap();
+    let mut names: Vec<String> =
+        entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn the_start_page_opens_what_is_typed_and_touches_nothing_else() {
+    let open = Open::start(tempfile::tempdir().unwrap(), &[]);
+    let page = open.get("");
+    assert!(page.body.contains("id=\"start\"") && page.head.contains("script-src 'nonce-"), "{}", page.body);
+    let state = open.state();
+    let home = open.home.path().to_str().unwrap().to_owned();
+    assert!(state["open"] == false && state["out"].as_str().unwrap().ends_with("/out"), "{state}");
+    for path in ["content", "schema", "section?seam=1&at_mm=1", "/etc/passwd"] {
+        assert_eq!(open.get(path).status, 404, "{path}");
+    }
+    for path in ["edit", "undo", "plan", "cancel", "other"] {
+        assert_eq!(open.post(path, "{}").status, 404, "{path}");
+    }
+    for (body, words) in [
+        (json!({ "choose": "input", "input": "nowhere" }), "cannot read nowhere: No such file"),
+        (json!({ "choose": "input", "input": "nowhere.toml" }), "nowhere.toml"),
+        (json!({ "choose": "input", "input": fixture("fillet"), "more": 1 }), "unknown field `more`"),
+        (json!([]), "missing field"),
+        (json!({}), "missing field `choose`"),
+    ] {
+        let answer = open.post("start", &body.to_string());
+        assert!(answer.status == 400 && answer.body.contains(words), "{body}: {}", answer.body);
+    }
+    assert!(names_in(open.home.path()).is_empty(), "{:?}", names_in(open.home.path()));
+
+    let mine = json!({ "choose": "input", "input": fixture("fillet"), "out": "mine" });
+    let answer = open.post("start", &mine.to_string());
+    assert_eq!(answer.status, 200, "{}", answer.body);
+    let state = open.planned(1);
+    assert!(state["out"].as_str().unwrap().starts_with(&home) && state["failure"].is_null(), "{state}");
+    assert_eq!(names_in(open.home.path()), ["mine"]);
+    assert!(open.home.path().join("mine/path.script").is_file());
+    // What is open stays open.
+    assert_eq!(open.post("start", &mine.to_string()).status, 404);
+}
+
+/// Direction of the torch axis at each welded point.
+fn torch_axes(folder: &Path) -> Vec<Vector3<f64>> {
+    let csv = std::fs::read_to_string(folder.join("path.csv")).unwrap();
+    let axis = |row: &str| {
+        let v: Vec<f64> = row.split(',').map(|v| v.parse().unwrap()).collect();
+        UnitQuaternion::from_quaternion(Quaternion::new(v[6], v[7], v[8], v[9])) * Vector3::z()
+    };
+    csv.lines().skip(1).map(axis).collect()
+}
+
+#[test]
+fn a_corrected_joint_type_is_welded_as_that_type_is_and_bound_to_its_place() {
+    let open = Open::new(&fixture("fillet"));
+    let first = open.planned(1);
+    assert_eq!(first["seams"][0]["found_joint"], "fillet");
+    let bisector = torch_axes(&open.out());
+    let set = |seam: Value, key: &str, value: Value| json!({ "edit": "set", "seam": seam, "key": key, "value": value });
+    // What holds for lap joints says nothing of a fillet, until this one is a lap joint.
+    open.edit(set(Value::Null, "joint.lap.torch.work_angle_deg", json!(20)));
+    open.edit(set(Value::Null, "formats", json!(["ur", "abb"])));
+    open.planned(2);
+    assert_eq!(torch_axes(&open.out()), bisector);
+    let plans = open.state()["plan"].as_u64().unwrap();
+    let state = open.edit(set(json!(1), "joint", json!("lap")));
+    assert_eq!(state["seams"][0]["settings"]["torch"]["work_angle_deg"], 20.0);
+    open.planned(plans + 1);
+    let leaned = torch_axes(&open.out());
+    assert_eq!(leaned.len(), bisector.len());
+    for (a, b) in leaned.iter().zip(&bisector) {
+        let lean_deg = a.angle(b).to_degrees();
+        assert!((lean_deg - 20.0).abs() < 0.01, "{lean_deg}");
+    }
+    let summary: Value =
+        serde_json::from_slice(&std::fs::read(open.out().join("summary.json")).unwrap()).unwrap();
+    let seam = &summary["seams"][0];
+    assert_eq!(seam["joint"], "lap");
+    let reason = seam["reason"].as_str().unwrap();
+    assert!(reason.starts_with("lap as the job says; measured as what was found, fillet: "), "{reason}");
+    let job = std::fs::read_to_string(open.out().join("job.toml")).unwrap();
+    assert!(job.contains("near_mm") && job.contains("joint = \"lap\"") && !job.contains("\nid ="), "{job}");
+    ends_well(
+        weldpath()
+            .args(["plan", "--job", "out/job.toml", "--out", "again", "--quiet"])
+            .current_dir(open.home.path()),
+    );
+    same_files(&open.out(), &open.home.path().join("again"));
+    let words = open.refused(&set(json!(1), "joint", json!("scarf")));
+    assert!(words.contains("unknown variant `scarf`") && words.contains("`fillet`"), "{words}");
+    let words = open.refused(&set(Value::Null, "joint.scarf.path.feed_mm_s", json!(3)));
+    assert!(words.contains("unknown variant `scarf`"), "{words}");
+    open.edit(set(json!(1), "joint", Value::Null));
+    open.edit(set(Value::Null, "joint.lap.torch.work_angle_deg", Value::Null));
+    open.edit(set(Value::Null, "formats", json!(["ur"])));
+    assert_eq!(open.state()["job"], first["job"], "nothing is left of it");
+}
+
+#[test]
+fn a_cross_section_shows_points_on_the_fitted_faces_about_the_root_and_the_torch_between_them() {
+    let open = Open::new(&fixture("fillet"));
+    for (query, status) in [
+        ("", 400),
+        ("?seam=1", 400),
+        ("?seam=1&at_mm=nan", 400),
+        ("?seam=x&at_mm=1", 400),
+        ("?at_mm=1&seam=1", 400),
+    ] {
+        assert_eq!(open.get(&format!("section{query}")).status, status, "{query}");
+    }
+    open.planned(1);
+    let of = |query: &str| open.get(&format!("section?{query}"));
+    let unknown = of("seam=7&at_mm=1");
+    assert_eq!((unknown.status, unknown.body.as_str()), (404, "there is no seam 7"));
+    let section: Value = serde_json::from_str(&of("seam=1&at_mm=30").body).unwrap();
+    let pair = |value: &Value| [0, 1].map(|k| value[k].as_f64().unwrap());
+    let faces = [0, 1].map(|k| pair(&section["faces"][k]));
+    // The fixture's plates stand at 90 degrees; the bisector is the second axis.
+    assert!(
+        faces[0][0] * faces[1][0] < 0.0 && faces.iter().all(|face| (face[1] - 0.5_f64.sqrt()).abs() < 0.02)
+    );
+    let off_mm = |[o, n]: [f64; 2]| {
+        let off = |face: [f64; 2]| (o * face[1] - n * face[0]).abs();
+        off(faces[0]).min(off(faces[1]))
+    };
+    let mut offs_mm: Vec<f64> =
+        section["points_mm"].as_array().unwrap().iter().map(|p| off_mm(pair(p))).collect();
+    offs_mm.sort_by(f64::total_cmp);
+    assert!(offs_mm.len() > 20 && offs_mm[offs_mm.len() / 2] < 0.3, "{offs_mm:?}");
+    let torch = &section["torches"][0];
+    assert!(
+        pair(&torch["tip_mm"]).iter().all(|mm| mm.abs() < 0.1) && pair(&torch["axis"])[1] > 0.999,
+        "{torch}"
+    );
+    let summary: Value =
+        serde_json::from_slice(&std::fs::read(open.out().join("summary.json")).unwrap()).unwrap();
+    assert_eq!(section["error_mm"], summary["seams"][0]["expected_error_mm"]);
+    let at_mm = section["at_mm"].as_f64().unwrap();
+    assert!((at_mm - 30.0).abs() < 3.0 && section["length_mm"] == summary["seams"][0]["length_mm"]);
+    // Beyond the end it is that at the end.
+    let last: Value = serde_json::from_str(&of("seam=1&at_mm=1e9").body).unwrap();
+    assert!((last["at_mm"].as_f64().unwrap() - last["length_mm"].as_f64().unwrap()).abs() < 1e-6);
 }
 
 #[test]

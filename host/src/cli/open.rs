@@ -3,25 +3,28 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use std::sync::Arc;
 
 use weldpath::files::manifest;
 use weldpath::input;
+use weldpath::lab::simulation::{self, Part};
 use weldpath::run::job::Job;
-use weldpath::server::{self, Workplace};
+use weldpath::server::{self, Choice, Start, Workplace};
 
 use super::folder::{Folder, FolderArgs};
-use super::{Exit, Failure, plan, tell};
+use super::{Exit, Failure, plan, simulate, tell};
 
 /// Look, choose, correct and plan again in the browser
 ///
 /// INPUT is what `weldpath plan` takes, the folder of an earlier run, or a job file. The scan is planned, and its report
 /// opened as a page in which the job is edited: which seams, in which order and direction, and how each is welded. What is
 /// clicked stands in job.toml with the next plan. The page is on 127.0.0.1 alone, and its address holds a secret word; the
-/// command ends with Ctrl-C, or a minute after the last page is closed.
+/// command ends with Ctrl-C, or a minute after the last page is closed. Without INPUT the page asks for a folder, or simulates an
+/// example.
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
     /// Folder with scan.json, one cloud or mesh, a folder with results, or a job file
-    input: PathBuf,
+    input: Option<PathBuf>,
     /// Folder for the results; files there are replaced all at once or not at all [default: out, or the folder of results]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -43,30 +46,82 @@ pub(super) struct Args {
 
 /// Where the results go, if neither the command line nor the input says.
 const OUT: &str = "out";
+/// Where the example of the start page goes.
+const EXAMPLE: &str = "weldpath-example";
 /// The job of a folder of results.
 const JOB: &str = "job.toml";
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     args.memory_mb.into_iter().for_each(input::memory::limit_mb);
-    let given = job_file(&args.input);
-    let mut job = match &given {
-        Some(path) => {
-            Job::read(path).map_err(|error| Failure::new(Exit::Usage, &error).hint(error.hint()))?
-        }
-        None => Job::default(),
-    };
-    let input = if given.is_some() { None } else { Some(&args.input) };
-    job.input = Some(plan::input(input, &job)?);
-    let results = is_results(&args.input).then(|| args.input.clone());
-    let out = args.out.clone().or(results).unwrap_or_else(|| OUT.into());
-    Folder::new(&out, args.folder, false).given(given.as_deref()).check(plan::CERTAIN)?;
-    let out = std::path::absolute(&out).map_err(|error| Failure::new(Exit::Output, error))?;
-    let overwrite = args.folder.overwrite();
-    let (allow_outside, keeps) = (args.allow_outside, !args.no_cache);
-    let workplace = Workplace { out, given, overwrite, allow_outside, keeps };
+    let how = How { folder: args.folder, allow_outside: args.allow_outside, keeps: !args.no_cache };
     let announce = |address: &str, ticket: &str| announce(address, (!args.no_browser).then_some(ticket));
-    server::open(job, workplace, announce)
-        .map_err(|error| Failure::new(Exit::Output, format!("the page cannot be served: {error}")))
+    let served = match &args.input {
+        Some(input) => {
+            let (job, workplace) = how.opened(input, args.out.as_deref())?;
+            server::open(job, workplace, announce)
+        }
+        None => server::choose(start(how, args.out.as_deref())?, announce),
+    };
+    served.map_err(|error| Failure::new(Exit::Output, format!("the page cannot be served: {error}")))
+}
+
+/// The start page: it reads and writes what is typed on it, the folder of the example, and that of the results.
+fn start(how: How, out: Option<&Path>) -> Result<Start, Failure> {
+    let absolute = |path: &Path| std::path::absolute(path).map_err(|error| Failure::new(Exit::Output, error));
+    let (usual, example) = (absolute(out.unwrap_or(Path::new(OUT)))?, absolute(Path::new(EXAMPLE))?);
+    let (given, folder) = (out.map(Path::to_path_buf), example.clone());
+    let choose = move |choice: &Choice| {
+        let (input, out) = match choice {
+            Choice::Input { input, out } => (Ok(input), out),
+            Choice::Example { out } => (simulate_example(&folder, how.folder).map(|()| &folder), out),
+        };
+        let out = out.as_deref().or(given.as_deref());
+        let opened = input.and_then(|input| how.opened(input, out));
+        opened.map_err(|Failure { message, hint, .. }| match hint {
+            Some(hint) => format!("{message}: {hint}"),
+            None => message,
+        })
+    };
+    Ok(Start::new(usual, example, Arc::new(choose)))
+}
+
+/// A scan of two crossed plates on a third.
+fn simulate_example(folder: &Path, args: FolderArgs) -> Result<(), Failure> {
+    simulate::keep_real_scans(folder)?;
+    let failure = |error: simulation::Error| Failure::new(Exit::Output, error);
+    let scan = simulation::simulate(&simulation::Request::new(Part::Cruciform, 1)).map_err(failure)?;
+    Folder::new(folder, args, true).write(&simulation::files(&scan).map_err(failure)?)
+}
+
+/// How whatever is opened is read and written.
+#[derive(Debug, Clone, Copy)]
+struct How {
+    folder: FolderArgs,
+    allow_outside: bool,
+    keeps: bool,
+}
+
+impl How {
+    /// The job of an input, and where its results go.
+    fn opened(self, named: &Path, out: Option<&Path>) -> Result<(Job, Workplace), Failure> {
+        let given = job_file(named);
+        let mut job = match &given {
+            Some(path) => {
+                Job::read(path).map_err(|error| Failure::new(Exit::Usage, &error).hint(error.hint()))?
+            }
+            None => Job::default(),
+        };
+        let named_input = named.to_path_buf();
+        let input = if given.is_some() { None } else { Some(&named_input) };
+        job.input = Some(plan::input(input, &job)?);
+        let results = is_results(named).then_some(named);
+        let out = out.or(results).unwrap_or(Path::new(OUT));
+        Folder::new(out, self.folder, false).given(given.as_deref()).check(plan::CERTAIN)?;
+        let out = std::path::absolute(out).map_err(|error| Failure::new(Exit::Output, error))?;
+        let How { allow_outside, keeps, .. } = self;
+        let workplace = Workplace { out, given, overwrite: self.folder.overwrite(), allow_outside, keeps };
+        Ok((job, workplace))
+    }
 }
 
 /// Whether a run has left its files here.

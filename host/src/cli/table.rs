@@ -62,7 +62,7 @@ fn row(seam: &Seam, output: &Output) -> String {
         row,
         "{:>4}  {:<8} {:<8} {:>7.1} mm {:>7} {:>10.0}%  {:<19}  {} mm",
         seam.id,
-        seam.joint.name(),
+        output.summary.joint(seam.id).unwrap_or(seam.joint).name(),
         positions.join("-"),
         seam.length_mm(),
         paths().next().map_or("-".to_owned(), |_| points.to_string()),

@@ -1,6 +1,7 @@
 //! `summary.json`: what was found, how, and how far to trust it. Schema: `docs/formats.md`.
 
 use std::borrow::Cow;
+use std::collections::BTreeMap;
 
 use serde::Serialize;
 
@@ -193,6 +194,35 @@ impl Summary {
             feasibility: None,
             warnings,
         }
+    }
+
+    /// The same with the joint types that the user states, by the ids of their seams.
+    #[must_use]
+    pub fn with_joints(
+        mut self,
+        plan: &Plan,
+        stated: &BTreeMap<usize, Joint>,
+        lines: &[SeamPath],
+        up: UnitVector3<f64>,
+    ) -> Self {
+        for (own, found) in self.seams.iter_mut().zip(&plan.seams) {
+            let Some(joint) = stated.get(&own.id).filter(|joint| **joint != found.joint) else { continue };
+            let reason = format!(
+                "{} as the job says; measured as what was found, {}: {}",
+                joint.name(),
+                found.joint.name(),
+                found.reason
+            );
+            let corrected = Seam { joint: *joint, reason, ..found.clone() };
+            let SeamSummary { joint, positions, reason, .. } = seam_summary(&corrected, lines, &[], up);
+            (own.joint, own.positions, own.reason) = (joint, positions, reason);
+        }
+        self
+    }
+
+    /// Joint type of the seam with this id.
+    pub fn joint(&self, id: usize) -> Option<Joint> {
+        self.seams.iter().find(|seam| seam.id == id).map(|seam| seam.joint)
     }
 
     /// The same with what became of the feasibility check, if there was one.

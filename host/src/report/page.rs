@@ -98,6 +98,19 @@ pub fn waiting(nonce: &str) -> String {
     parts.iter().fold(WAITING.to_owned(), |page, (slot, text)| page.replacen(slot, text, 1))
 }
 
+/// The page on which something to open is chosen, and its script, built by `web/build.sh`.
+#[cfg(feature = "open")]
+const START: [&str; 2] = [include_str!("web/editor/start.html"), include_str!("web/dist/start.js")];
+
+/// The page on which something to open is chosen.
+#[cfg(feature = "open")]
+pub fn start(nonce: &str) -> String {
+    let [page, script] = START;
+    let parts =
+        [("{{style}}", STYLE), ("{{editor-style}}", EDITOR[0]), ("{{nonce}}", nonce), ("{{script}}", script)];
+    parts.iter().fold(page.to_owned(), |page, (slot, text)| page.replacen(slot, text, 1))
+}
+
 /// JSON that ends no element and begins no comment.
 fn inert(json: &str) -> String {
     json.replace('<', "\\u003c")

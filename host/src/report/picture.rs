@@ -257,7 +257,7 @@ fn scale_bar(text: &mut String, px_per_mm: f64) {
 fn legend(text: &mut String, run: &Run, top: f64) {
     for (k, seam) in run.plan.seams.iter().enumerate() {
         let y = top + ROW * k as f64;
-        let joint = seam.joint.name();
+        let joint = run.output.summary.joint(seam.id).unwrap_or(seam.joint).name();
         let selected = run.output.paths.iter().any(|path| path.seam == seam.id);
         add(
             text,

@@ -14,6 +14,7 @@ pub mod robot;
 pub mod scan;
 pub mod touch;
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use nalgebra::Isometry3;
@@ -28,12 +29,14 @@ use crate::robot::arc::WeldingArc;
 use crate::robot::dialect::{Dialect, ProgramSetup};
 use crate::robot::feasibility::{self, FeasibilitySetup, PlacedArm};
 use crate::robot::tool::Tool;
+use crate::seam::Joint;
 use crate::weld::recipe::Recipe;
 use ask::AskSettings;
 use calibration::CalibrationSettings;
 use exclude::ExcludeSettings;
 pub use layer::{
-    PassSettings, PathSettings, SeamSettings, StitchSettings, TorchSettings, WeaveSettings, Weld,
+    JointSettings, PassSettings, PathSettings, SeamSettings, StitchSettings, TorchSettings, WeaveSettings,
+    Weld,
 };
 use quantity::{DepthScaleM, Input, Output, PayloadKg, ProgramName, RatioThreshold, TimeS};
 pub use refusal::Error;
@@ -126,6 +129,10 @@ pub struct Job {
     /// Passes of every seam, in their order; without any, one pass on the seam's line.
     #[serde(rename = "pass", skip_serializing_if = "Vec::is_empty")]
     pub passes: Vec<PassSettings>,
+    /// How all seams of a joint type are welded, over what holds for the whole job.
+    #[serde(rename = "joint", skip_serializing_if = "BTreeMap::is_empty")]
+    #[schemars(extend("propertyNames" = { "$ref": "#/$defs/Joint" }))]
+    pub joints: BTreeMap<Joint, JointSettings>,
     /// What single seams have of their own.
     #[serde(rename = "seam", skip_serializing_if = "Vec::is_empty")]
     pub seams: Vec<SeamSettings>,
@@ -303,11 +310,15 @@ impl Job {
         Weld { path, torch, weave, stitch, passes: self.passes.clone() }
     }
 
-    /// How passes are welded: with the settings of each seam on top of the job's, and with the job's alone.
+    /// How passes are welded: with the settings of each seam and each joint type on top of the job's, and with the job's alone.
     pub fn recipes(&self) -> Vec<Recipe> {
         let of_all = self.weld();
-        let welds = self.seams.iter().map(|seam| seam.weld().on(&of_all)).chain([of_all.clone()]);
-        welds.flat_map(|weld| weld.passes()).map(|(recipe, _)| recipe).collect()
+        let of_joints = self.joints.values().map(|joint| joint.weld().on(&of_all));
+        let below: Vec<Weld> = of_joints.chain([of_all.clone()]).collect();
+        // Which joint a seam has, only the scan tells.
+        let on = |below: &Weld| self.seams.iter().map(|seam| seam.weld().on(below)).collect::<Vec<_>>();
+        let welds: Vec<Weld> = below.iter().flat_map(on).chain(below.clone()).collect();
+        welds.iter().flat_map(|weld| weld.passes()).map(|(recipe, _)| recipe).collect()
     }
 
     /// The settings of the pipeline.

@@ -1,6 +1,6 @@
 //! From a plan to what a run leaves behind: selection, path modifiers, the program, and the files.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use crate::files::File;
 use crate::output::frame::PathFrame;
@@ -17,6 +17,7 @@ use crate::run::job::{ASSUMED_TCP_MM, AirMoves, Job, MethodName, Sequence};
 use crate::run::selection;
 use crate::run::selection::select;
 use crate::run::verdict;
+use crate::seam::Joint;
 use crate::weld::SeamPath;
 use crate::weld::air::terrain::{Ball, Terrain};
 use crate::weld::air::{End, Surroundings};
@@ -87,6 +88,7 @@ pub fn postprocess(plan: &Plan, job: &Job, source: Source) -> Result<Output, Err
     found.extend(problems(&program, plan, job, feasibility.as_ref()));
     let verdict = Verdict::new(found, &job.accept);
     let summary = Summary::new(plan, source, &lines, &paths, job.order.up.get(), warnings)
+        .with_joints(plan, &stated_joints(plan, job)?, &lines, job.order.up.get())
         .with_feasibility(feasibility.as_ref())
         .with_verdict(verdict);
     let mut files = vec![File::new("path.csv", csv::write(&paths, frame))];
@@ -213,9 +215,31 @@ fn terrain<'a>(passes: &[Pass], plan: &'a Plan, job: &Job) -> Terrain<'a> {
     Terrain::new(&plan.model, passes.iter().map(|pass| &pass.path), clearance_mm, torch.as_deref())
 }
 
-/// The job's settings with those of the seam on top; of several that name it the later ones lie above.
-fn weld(path: &SeamPath, plan: &Plan, job: &Job) -> Result<Weld, selection::Error> {
+/// Joint types that the job states, by the ids of the seams; of several for one seam the last holds.
+///
+/// # Errors
+/// If the job names a seam that there is not.
+fn stated_joints(plan: &Plan, job: &Job) -> Result<BTreeMap<usize, Joint>, selection::Error> {
+    let mut stated = BTreeMap::new();
+    for own in &job.seams {
+        if let (Some(joint), Some(id)) = (own.joint, selection::named(&plan.paths, own)?) {
+            stated.insert(id, joint);
+        }
+    }
+    Ok(stated)
+}
+
+/// The job's settings with those of the joint type and then of the seam on top; of several that name it the later ones lie above.
+///
+/// # Errors
+/// If the job names a seam that there is not.
+pub fn weld(path: &SeamPath, plan: &Plan, job: &Job) -> Result<Weld, selection::Error> {
     let mut weld = job.weld();
+    let found = plan.seams.iter().find(|seam| seam.id == path.seam).map(|seam| seam.joint);
+    let joint = stated_joints(plan, job)?.get(&path.seam).copied().or(found);
+    if let Some(of_joint) = joint.and_then(|joint| job.joints.get(&joint)) {
+        weld = of_joint.weld().on(&weld);
+    }
     for own in &job.seams {
         if selection::named(&plan.paths, own)? == Some(path.seam) {
             weld = own.weld().on(&weld);

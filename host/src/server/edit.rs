@@ -5,13 +5,15 @@
 
 use std::collections::BTreeSet;
 
+use nalgebra::Point3;
 use serde::Deserialize;
 use serde_json::Value;
 
 use crate::output::verdict::ReasonId;
 use crate::pipeline::Plan;
 use crate::run::job::ask::AskSettings;
-use crate::run::job::quantity::{Place, WithinMm};
+use crate::run::job::exclude::{ExcludeSettings, HalfSpaceSettings};
+use crate::run::job::quantity::{Place, Region, WithinMm};
 use crate::run::job::{Job, SeamSettings, Selection, Sequence};
 use crate::run::{postprocessing, selection};
 use crate::weld::SeamPath;
@@ -19,11 +21,26 @@ use crate::weld::SeamPath;
 /// A seam that was clicked is found again within this of its middle, mm: a second scan of the same part moves it by less,
 /// and its neighbours are farther.
 const WITHIN_MM: f64 = 5.0;
+/// Two numbers of a box or a plane are the same within this, mm: what is read again of a text may differ in its last digit.
+const SAME_MM: f64 = 1e-6;
 /// Keys of the whole job that a page may set; `input` and what decides how it is read are not among them.
-const OF_JOB: [&str; 11] =
-    ["formats", "order", "path", "torch", "weave", "stitch", "arc", "tool", "robot", "torch_body", "program"];
+const OF_JOB: [&str; 13] = [
+    "formats",
+    "joint",
+    "order",
+    "path",
+    "torch",
+    "weave",
+    "stitch",
+    "arc",
+    "tool",
+    "robot",
+    "torch_body",
+    "program",
+    "selection.roi_mm",
+];
 /// Those of a seam.
-const OF_SEAM: [&str; 4] = ["path", "torch", "weave", "stitch"];
+const OF_SEAM: [&str; 5] = ["joint", "path", "torch", "weave", "stitch"];
 /// The list of passes, of both.
 const PASSES: &str = "pass";
 
@@ -41,8 +58,18 @@ pub(super) enum Edit {
     Ask(AskSettings),
     /// One of the asked seams is asked for no longer, by its place in the job's list.
     Unask { at: usize },
+    /// Something is no work, was named otherwise before, or is work again; it holds with the next plan.
+    Exclude { was: Option<NoWork>, now: Option<NoWork> },
     /// Whether a reason of the verdict is confirmed.
     Accept { reason: ReasonId, on: bool },
+}
+
+/// What is scanned and is no work: one entry of `[exclude]`.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum NoWork {
+    Box(Region),
+    HalfSpace(HalfSpaceSettings),
 }
 
 impl Edit {
@@ -56,6 +83,9 @@ impl Edit {
             Self::Order { .. } => "order of the seams".into(),
             Self::Ask(_) => "add a seam".into(),
             Self::Unask { at } => format!("no longer ask for seam {} of those that were added", at + 1),
+            Self::Exclude { was: None, .. } => "exclude a part of the scan".into(),
+            Self::Exclude { now: None, .. } => "no longer exclude a part of the scan".into(),
+            Self::Exclude { .. } => "what is excluded of the scan".into(),
             Self::Accept { reason, on: true } => format!("accept {}", reason.name()),
             Self::Accept { reason, on: false } => format!("no longer accept {}", reason.name()),
         }
@@ -67,7 +97,7 @@ impl Edit {
     /// In words, if it makes no job that could be planned.
     pub(super) fn on(&self, job: &Job, plan: Option<&Plan>) -> Result<Job, String> {
         match (self, plan) {
-            (Self::Ask(_) | Self::Unask { .. }, _) => self.on_search(job),
+            (Self::Ask(_) | Self::Unask { .. } | Self::Exclude { .. }, _) => self.on_search(job),
             (_, Some(plan)) => self.on_seams(job, plan),
             (_, None) => Err("nothing is planned yet that could be edited".into()),
         }
@@ -79,6 +109,7 @@ impl Edit {
         match self {
             Self::Ask(ask) => edited.asks.push(ask.clone()),
             Self::Unask { at } if *at < edited.asks.len() => drop(edited.asks.remove(*at)),
+            Self::Exclude { was, now } => exclude(&mut edited.exclude, *was, *now)?,
             _ => return Err("that seam is not asked for".into()),
         }
         edited.check().map_err(|error| error.why())?;
@@ -103,7 +134,7 @@ impl Edit {
                 edited.accept.extend(on.then_some(*reason));
                 edited.accept.sort_unstable();
             }
-            Self::Ask(_) | Self::Unask { .. } => return self.on_search(job),
+            Self::Ask(_) | Self::Unask { .. } | Self::Exclude { .. } => return self.on_search(job),
         }
         if edited.order.sequence != Sequence::Listed {
             edited.seams.retain(says_something);
@@ -128,7 +159,7 @@ where
     let words = |error: serde_json::Error| format!("{key}: {error}");
     let mut tree = serde_json::to_value(settings).map_err(words)?;
     let names: Vec<&str> = key.split('.').collect();
-    if !(known.contains(&names[0]) || key == PASSES) {
+    if !(known.contains(&names[0]) || known.contains(&key) || key == PASSES) {
         return Err(format!("{key:?} is nothing that this page sets"));
     }
     put(&mut tree, &names, value);
@@ -179,6 +210,33 @@ fn middle(path: &SeamPath) -> Option<Place> {
     let place = path.points.get(path.points.len() / 2)?.position_mm;
     let tenth = |mm: f64| (mm * 10.0).round() / 10.0 + 0.0;
     Place::try_from([place.x, place.y, place.z].map(tenth)).ok()
+}
+
+/// One entry of `[exclude]` in place of another; without `was` it is a new one.
+fn exclude(settings: &mut ExcludeSettings, was: Option<NoWork>, now: Option<NoWork>) -> Result<(), String> {
+    let of_box = |region: &Region| region.corners_mm();
+    let of_half = |half: &HalfSpaceSettings| [half.at_mm.point_mm(), half.toward.get().into_inner().into()];
+    let boxed = |one| if let NoWork::Box(region) = one { Some(region) } else { None };
+    let halved = |one| if let NoWork::HalfSpace(half) = one { Some(half) } else { None };
+    replace(&mut settings.boxes_mm, was.and_then(boxed), now.and_then(boxed), of_box)?;
+    replace(&mut settings.half_spaces, was.and_then(halved), now.and_then(halved), of_half)
+}
+
+fn replace<T>(
+    list: &mut Vec<T>,
+    was: Option<T>,
+    now: Option<T>,
+    numbers: impl Fn(&T) -> [Point3<f64>; 2],
+) -> Result<(), String> {
+    let same = |a: &T, b: &T| (0..2).all(|k| (numbers(a)[k] - numbers(b)[k]).amax() < SAME_MM);
+    let Some(was) = was else {
+        list.extend(now);
+        return Ok(());
+    };
+    let at = list.iter().position(|one| same(one, &was));
+    let at = at.ok_or("that part is not excluded any more, or not as the page shows it: look again")?;
+    list.splice(at..=at, now);
+    Ok(())
 }
 
 fn switch(job: &mut Job, plan: &Plan, id: usize, on: bool) -> Result<(), String> {

@@ -3,8 +3,8 @@
 use std::convert::Infallible;
 use std::io;
 use std::net::Ipv4Addr;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
 use http_body_util::{BodyExt, Full, LengthLimitError, Limited};
@@ -22,6 +22,7 @@ use super::edit::Edit;
 use super::guard::{self, Door, Way};
 use super::planner;
 use super::session::{Session, Wish};
+use super::start::Start;
 use crate::report::{self, Edition};
 use crate::run::job::Job;
 
@@ -51,7 +52,9 @@ type Answer = Response<Full<Bytes>>;
 
 /// A server that is bound to its port.
 struct Server {
-    session: Arc<Session>,
+    /// What is open; nothing before something is chosen on the start page.
+    session: OnceLock<Arc<Session>>,
+    start: Option<Start>,
     door: Door,
     /// Pages that wait for news.
     waiting: AtomicUsize,
@@ -59,15 +62,25 @@ struct Server {
     last_asked: std::sync::Mutex<Option<Instant>>,
 }
 
+/// What a page shows first.
+pub(super) enum First {
+    Session(Arc<Session>),
+    Start(Start),
+}
+
 /// Answers requests until no page is open any more; `announce` is told the address, and another that leads there once.
-pub(super) fn serve(session: Arc<Session>, announce: impl FnOnce(&str, &str)) -> io::Result<()> {
+pub(super) fn serve(first: First, announce: impl FnOnce(&str, &str)) -> io::Result<()> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     runtime.block_on(async {
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).await?;
         let door = Door::new(listener.local_addr()?, guard::token()?, guard::token()?);
         announce(&door.address(), &door.ticket_address().unwrap_or_default());
         let (waiting, last_asked) = (AtomicUsize::new(0), std::sync::Mutex::new(None));
-        let server = Arc::new(Server { session, door, waiting, last_asked });
+        let (session, start) = match first {
+            First::Session(session) => (OnceLock::from(session), None),
+            First::Start(start) => (OnceLock::new(), Some(start)),
+        };
+        let server = Arc::new(Server { session, start, door, waiting, last_asked });
         let seats = Arc::new(Semaphore::new(MOST_CONNECTIONS));
         while !server.is_left(Instant::now()) {
             let Ok(accepted) = timeout(TICK, listener.accept()).await else { continue };
@@ -108,7 +121,8 @@ impl Server {
     fn is_left(&self, now: Instant) -> bool {
         let last = *self.last_asked.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
         let quiet = last.is_some_and(|last| now.saturating_duration_since(last) > GRACE);
-        quiet && self.waiting.load(Ordering::SeqCst) == 0 && self.session.is_at_rest()
+        let is_at_rest = self.session.get().is_none_or(|session| session.is_at_rest());
+        quiet && self.waiting.load(Ordering::SeqCst) == 0 && is_at_rest
     }
 
     async fn answer(&self, request: Request<Incoming>) -> Answer {
@@ -118,21 +132,70 @@ impl Server {
             Ok(Way::Ticket) => return onward(&self.door.address()),
             Err((status, words)) => return refusal(status, words),
         };
+        let query = head.uri.query().unwrap_or_default();
+        let opened = self.session.get().map(|session| Opened { server: self, session });
         if head.method == Method::GET {
-            return match path.as_str() {
-                "" => self.page(),
-                "content" => self.content(),
-                "schema" => json(Job::schema()),
-                "state" => self.news(head.uri.query().unwrap_or_default()).await,
+            return match (path.as_str(), opened) {
+                ("", Some(opened)) => opened.page(),
+                ("content", Some(opened)) => opened.content(),
+                ("section", Some(opened)) => opened.section(query),
+                ("schema", Some(_)) => json(Job::schema()),
+                ("state", Some(opened)) => opened.news(query).await,
+                ("", None) => start_page(),
+                ("state", None) => self.beginning(query).await,
                 _ => refusal(StatusCode::NOT_FOUND, "there is nothing here"),
             };
         }
-        match read(body).await {
-            Ok(body) => self.act(&path, &body),
-            Err((status, words)) => refusal(status, words),
+        match (read(body).await, opened) {
+            (Ok(body), Some(opened)) => opened.act(&path, &body),
+            (Ok(body), None) if path == "start" => self.begin(&body).await,
+            (Ok(_), None) => refusal(StatusCode::NOT_FOUND, "there is nothing here"),
+            (Err((status, words)), _) => refusal(status, words),
         }
     }
 
+    /// What the start page shows; one that knows it waits until something is open.
+    async fn beginning(&self, query: &str) -> Answer {
+        let _waiting = Waiting::new(self);
+        if query.starts_with("known=") {
+            let opened = async {
+                while self.session.get().is_none() {
+                    tokio::time::sleep(QUIET_TIME).await;
+                }
+            };
+            let _ = timeout(NEWS_TIME, opened).await;
+        }
+        match (self.session.get(), &self.start) {
+            (Some(session), _) => json(session.told()),
+            (None, Some(start)) => json(start.told()),
+            (None, None) => refusal(StatusCode::NOT_FOUND, "there is nothing here"),
+        }
+    }
+
+    /// Opens what was chosen on the start page, and plans it.
+    async fn begin(&self, body: &[u8]) -> Answer {
+        let Some(start) = &self.start else {
+            return refusal(StatusCode::NOT_FOUND, "there is nothing here");
+        };
+        let session = match start.open(body).await {
+            Ok(session) => session,
+            Err((status, words)) => return refusal(status, &words),
+        };
+        if let Err(error) = planner::start(&session, Wish::Whole) {
+            return refusal(StatusCode::SERVICE_UNAVAILABLE, &error.to_string());
+        }
+        json(self.session.get_or_init(|| session).told())
+    }
+}
+
+/// What is open, as it answers.
+#[derive(Clone, Copy)]
+struct Opened<'a> {
+    server: &'a Server,
+    session: &'a Arc<Session>,
+}
+
+impl Opened<'_> {
     /// What the page does with the job.
     fn act(&self, path: &str, body: &[u8]) -> Answer {
         match path {
@@ -154,7 +217,7 @@ impl Server {
             }
             "cancel" => self.session.cancel(),
             "plan" => {
-                if let Err(error) = planner::start(&self.session, Wish::Whole) {
+                if let Err(error) = planner::start(self.session, Wish::Whole) {
                     return refusal(StatusCode::SERVICE_UNAVAILABLE, &error.to_string());
                 }
             }
@@ -165,7 +228,7 @@ impl Server {
 
     /// Draws the last edit, if no other comes meanwhile.
     fn draw_soon(&self) {
-        let (session, edits) = (Arc::clone(&self.session), self.session.edits());
+        let (session, edits) = (Arc::clone(self.session), self.session.edits());
         tokio::spawn(async move {
             tokio::time::sleep(QUIET_TIME).await;
             if session.edits() == edits {
@@ -184,6 +247,30 @@ impl Server {
         numbers.map_or_else(|| refusal(StatusCode::NOT_FOUND, "nothing is planned yet"), json)
     }
 
+    /// The cross-section of a seam so far along it, as in `seam=2&at_mm=40.5`.
+    fn section(&self, query: &str) -> Answer {
+        let parts: Option<(&str, &str)> = query
+            .split_once('&')
+            .and_then(|(a, b)| Some((a.strip_prefix("seam=")?, b.strip_prefix("at_mm=")?)));
+        let numbers = parts.and_then(|(seam, at_mm)| Some((seam.parse().ok()?, at_mm.parse::<f64>().ok()?)));
+        let Some((seam, at_mm)) = numbers.filter(|(_, at_mm)| at_mm.is_finite()) else {
+            return refusal(
+                StatusCode::BAD_REQUEST,
+                "a section is asked for as in section?seam=2&at_mm=40.5",
+            );
+        };
+        let Some((shown, found)) =
+            self.session.shown().and_then(|shown| shown.found.clone().map(|found| (shown, found)))
+        else {
+            return refusal(StatusCode::NOT_FOUND, "no seam is planned yet");
+        };
+        match report::section(&found.plan, &shown.paths, seam, at_mm) {
+            // Finite numbers only: there is nothing serde_json could refuse.
+            Ok(section) => json(serde_json::to_string(&section).unwrap_or_default()),
+            Err(words) => refusal(StatusCode::NOT_FOUND, &words),
+        }
+    }
+
     /// The report of the last plan with what edits it, or a page that waits for the first.
     fn page(&self) -> Answer {
         let Ok(nonce) = guard::token() else {
@@ -196,21 +283,13 @@ impl Server {
         let Some(page) = page else {
             return refusal(StatusCode::INTERNAL_SERVER_ERROR, "the report is no page of weldpath's");
         };
-        let policy = format!(
-            "default-src 'none'; script-src 'nonce-{nonce}'; style-src 'unsafe-inline'; img-src data:; connect-src 'self'; \
-             base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
-        );
-        let mut answer = answer(StatusCode::OK, "text/html; charset=utf-8", page);
-        if let Ok(policy) = HeaderValue::from_str(&policy) {
-            answer.headers_mut().insert(header::CONTENT_SECURITY_POLICY, policy);
-        }
-        answer
+        html(page, &nonce)
     }
 
     /// The state of things, as soon as it is not that of the revision that the page knows.
     async fn news(&self, query: &str) -> Answer {
         let known: Option<u64> = query.strip_prefix("known=").and_then(|known| known.parse().ok());
-        let _waiting = Waiting::new(self);
+        let _waiting = Waiting::new(self.server);
         let mut changes = self.session.changes();
         // After a while the page is answered all the same, and asks again: so it is known to be open.
         let _ = timeout(NEWS_TIME, changes.wait_for(|revision| Some(*revision) != known)).await;
@@ -260,6 +339,27 @@ fn refusal(status: StatusCode, words: &str) -> Answer {
     answer(status, "text/plain; charset=utf-8", words.to_owned())
 }
 
+/// The page in which something to open is chosen.
+fn start_page() -> Answer {
+    match guard::token() {
+        Ok(nonce) => html(report::start(&nonce), &nonce),
+        Err(_) => refusal(StatusCode::SERVICE_UNAVAILABLE, "the system has no randomness to give"),
+    }
+}
+
+/// A page whose scripts carry `nonce`.
+fn html(page: String, nonce: &str) -> Answer {
+    let policy = format!(
+        "default-src 'none'; script-src 'nonce-{nonce}'; style-src 'unsafe-inline'; img-src data:; connect-src 'self'; \
+         base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    );
+    let mut answer = answer(StatusCode::OK, "text/html; charset=utf-8", page);
+    if let Ok(policy) = HeaderValue::from_str(&policy) {
+        answer.headers_mut().insert(header::CONTENT_SECURITY_POLICY, policy);
+    }
+    answer
+}
+
 /// To the address that can be loaded again.
 fn onward(address: &str) -> Answer {
     let mut answer = answer(StatusCode::SEE_OTHER, "text/plain; charset=utf-8", String::new());
@@ -296,18 +396,23 @@ mod tests {
     fn the_server_ends_a_minute_after_the_last_page_and_never_before_the_first_or_amid_a_plan() {
         let session = Session::new(Job::default(), Workplace::default());
         let door = Door::new(([127, 0, 0, 1], 4000).into(), "a".into(), "b".into());
-        let server =
-            Server { session, door, waiting: AtomicUsize::new(0), last_asked: std::sync::Mutex::new(None) };
+        let server = Server {
+            session: OnceLock::from(Arc::clone(&session)),
+            start: None,
+            door,
+            waiting: AtomicUsize::new(0),
+            last_asked: std::sync::Mutex::new(None),
+        };
         let later = |time: Duration| Instant::now() + time;
         assert!(!server.is_left(later(10 * GRACE)));
         let waiting = Waiting::new(&server);
         assert!(!server.is_left(later(10 * GRACE)));
         drop(waiting);
         assert!(!server.is_left(later(GRACE / 2)) && server.is_left(later(2 * GRACE)));
-        let begun = server.session.begin(Wish::Whole);
-        assert!(begun.is_some() && server.session.begin(Wish::Whole).is_none());
+        let begun = session.begin(Wish::Whole);
+        assert!(begun.is_some() && session.begin(Wish::Whole).is_none());
         assert!(!server.is_left(later(2 * GRACE)));
-        server.session.ended(None);
+        session.ended(None);
         assert!(server.is_left(later(2 * GRACE)));
     }
 }

@@ -104,9 +104,9 @@ fn show(session: &Session, job: Job, found: Arc<Searched>, stop: &AtomicBool) ->
     }
     write(&session.workplace, &output.files)?;
     session.kept.save();
-    let order = output.paths.iter().map(|path| path.seam).collect();
     let (html, reversed) = (html.into(), reversed(&found.plan, &output));
-    session.show(Shown { html, job, order, reversed, found: Some(found), ..Shown::default() });
+    let paths = output.paths.as_slice().into();
+    session.show(Shown { html, job, paths, reversed, found: Some(found), ..Shown::default() });
     refused(&output)
 }
 

@@ -17,6 +17,7 @@ use crate::run::job::{
     Weld,
 };
 use crate::run::{planning, postprocessing, selection};
+use crate::weld::SeamPath;
 
 /// Edits that can be undone.
 const MOST_UNDONE: usize = 1000;
@@ -86,8 +87,8 @@ pub(super) struct Shown {
     pub html: Arc<str>,
     /// The job that was planned.
     pub job: Job,
-    /// Seams in the order in which they are welded.
-    pub order: Vec<usize>,
+    /// The passes in the order in which they are welded.
+    pub paths: Arc<[SeamPath]>,
     /// Seams that are welded against the direction in which they were found.
     pub reversed: BTreeSet<usize>,
 }
@@ -171,6 +172,8 @@ struct SeamState {
     id: usize,
     on: bool,
     reversed: bool,
+    /// Its joint type as it was found.
+    found_joint: Option<&'static str>,
     /// What is said for it alone.
     own: serde_json::Value,
     settings: Settings,
@@ -384,7 +387,7 @@ impl Desk {
         let mut order = match self.job.order.sequence {
             Sequence::Listed => postprocessing::listed(&found.plan, &self.job).unwrap_or_default(),
             Sequence::Found => Vec::new(),
-            Sequence::Shortest => shown.order.clone(),
+            Sequence::Shortest => shown.paths.iter().map(|path| path.seam).collect(),
         };
         order.extend(found.plan.paths.iter().map(|path| path.seam));
         let mut seen = BTreeSet::new();
@@ -396,19 +399,21 @@ impl Desk {
         let (Some(found), Some(shown)) = (&self.found, &self.shown) else { return Vec::new() };
         let plan = &found.plan;
         let chosen = postprocessing::chosen(plan, &self.job).unwrap_or_default();
-        let of_all = self.job.weld();
-        let state = |id: usize| {
+        let state = |path: &SeamPath| {
+            let id = path.seam;
             let named = |own: &&SeamSettings| selection::named(&plan.paths, own) == Ok(Some(id));
-            let own: Vec<_> = self.job.seams.iter().filter(named).collect();
-            let weld = own.iter().fold(of_all.clone(), |below, own| own.weld().on(&below));
+            let own = self.job.seams.iter().rfind(named);
+            // A job that names a seam which is gone says of none how it is welded.
+            let weld = postprocessing::weld(path, plan, &self.job).unwrap_or_else(|_| self.job.weld());
             SeamState {
                 id,
+                found_joint: plan.seams.iter().find(|seam| seam.id == id).map(|seam| seam.joint.name()),
                 on: chosen.iter().any(|path| path.seam == id),
                 reversed: shown.reversed.contains(&id),
-                own: own.last().and_then(|own| serde_json::to_value(own).ok()).unwrap_or_default(),
+                own: own.and_then(|own| serde_json::to_value(own).ok()).unwrap_or_default(),
                 settings: Settings::from(&weld),
             }
         };
-        plan.paths.iter().map(|path| state(path.seam)).collect()
+        plan.paths.iter().map(state).collect()
     }
 }

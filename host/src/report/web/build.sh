@@ -1,5 +1,6 @@
 #!/bin/sh
-# Bundles the page's script, three.js included, into dist/report.js, and what `weldpath open` adds to it into dist/editor.js.
+# Bundles the page's script, three.js included, into dist/report.js, what `weldpath open` adds to it into dist/editor.js, and
+# that of its start page into dist/start.js.
 # Needs node and npm, and the network once; cargo needs none of them, for the bundles are committed. Run it after a change in
 # src/ or editor/src/ or of a version in package.json.
 set -eu
@@ -11,5 +12,7 @@ bundle() {
         --banner:js="/* weldpath $3, sources $4 */" --outfile="dist/$3.js"
 }
 bundle src/main.js iife report "$(cat src/*.js package-lock.json | cksum | tr ' ' '-')"
-bundle editor/src/main.js iife editor "$(cat editor/src/*.js src/dom.js package-lock.json | cksum | tr ' ' '-')"
+editor=$(cat editor/src/*.js src/dom.js package-lock.json | cksum | tr ' ' '-')
+bundle editor/src/main.js iife editor "$editor"
+bundle editor/src/start.js iife start "$editor"
 cp node_modules/three/LICENSE dist/LICENSE-three.txt

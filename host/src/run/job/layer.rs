@@ -10,6 +10,7 @@ use super::quantity::{
     FeedMmS, FrequencyHz, HeightMm, LeadMm, LiftMm, OutMm, PitchMm, Place, Points, SpacingMm, StandoffMm,
     StitchMm, Tacks, TimeS, TravelAngleDeg, TurnDeg, WavelengthMm, WithinMm, WorkAngleDeg,
 };
+use crate::seam::Joint;
 use crate::weld::cornering::Cornering;
 use crate::weld::program::Motion;
 use crate::weld::recipe::Recipe;
@@ -238,22 +239,10 @@ pub struct PassSettings {
     pub stitch: StitchSettings,
 }
 
-/// `[[seam]]`: what one seam has of its own.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+/// `[joint.TYPE]`: how all seams of one joint type are welded.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct SeamSettings {
-    /// The seam with this id; not together with `near_mm`.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub id: Option<usize>,
-    /// The seam nearest to this place, mm, base frame; not together with `id`.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub near_mm: Option<Place>,
-    /// The seam lies within this of `near_mm`; 200 mm if nothing is said.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub within_mm: Option<WithinMm>,
-    /// Whether it is welded at all.
-    #[serde(skip_serializing_if = "is_true")]
-    pub weld: bool,
+pub struct JointSettings {
     /// Over the job's.
     #[serde(skip_serializing_if = "PathSettings::is_empty")]
     pub path: PathSettings,
@@ -271,6 +260,50 @@ pub struct SeamSettings {
     pub passes: Vec<PassSettings>,
 }
 
+impl JointSettings {
+    /// The layer alone.
+    pub fn weld(&self) -> Weld {
+        let (path, torch, weave, stitch) = (self.path, self.torch, self.weave, self.stitch);
+        Weld { path, torch, weave, stitch, passes: self.passes.clone() }
+    }
+}
+
+/// `[[seam]]`: what one seam has of its own.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct SeamSettings {
+    /// The seam with this id; not together with `near_mm`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub id: Option<usize>,
+    /// The seam nearest to this place, mm, base frame; not together with `id`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub near_mm: Option<Place>,
+    /// The seam lies within this of `near_mm`; 200 mm if nothing is said.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub within_mm: Option<WithinMm>,
+    /// Whether it is welded at all.
+    #[serde(skip_serializing_if = "is_true")]
+    pub weld: bool,
+    /// Its joint type, where it is not the one that was found.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub joint: Option<Joint>,
+    /// Over those of its joint type.
+    #[serde(skip_serializing_if = "PathSettings::is_empty")]
+    pub path: PathSettings,
+    /// Over those of its joint type.
+    #[serde(skip_serializing_if = "TorchSettings::is_empty")]
+    pub torch: TorchSettings,
+    /// Over those of its joint type.
+    #[serde(skip_serializing_if = "WeaveSettings::is_empty")]
+    pub weave: WeaveSettings,
+    /// Over those of its joint type.
+    #[serde(skip_serializing_if = "StitchSettings::is_empty")]
+    pub stitch: StitchSettings,
+    /// In place of those, if there are any.
+    #[serde(rename = "pass", skip_serializing_if = "Vec::is_empty")]
+    pub passes: Vec<PassSettings>,
+}
+
 fn is_true(value: &bool) -> bool {
     *value
 }
@@ -282,6 +315,7 @@ impl Default for SeamSettings {
             near_mm: None,
             within_mm: None,
             weld: true,
+            joint: None,
             path: PathSettings::default(),
             torch: TorchSettings::default(),
             weave: WeaveSettings::default(),

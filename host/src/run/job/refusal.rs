@@ -78,8 +78,7 @@ pub(super) fn check(job: &Job, text: &str, path: &Path) -> Result<(), Error> {
         let why = "the paper's method fits no faces, and can look for no seam that is asked for";
         return refuse(line_of_key(text, "[[ask]]"), why, "leave method = \"paper\" out, or [[ask]]");
     }
-    let welds = std::iter::once(job.weld()).chain(job.seams.iter().map(layer::SeamSettings::weld));
-    if let Some([a, b]) = welds.flat_map(|weld| exclusive(&weld)).next() {
+    if let Some([a, b]) = layers(job).iter().flat_map(exclusive).next() {
         let why = format!("{a} and {b} exclude each other");
         return refuse(line_of_key(text, b), &why, "keep one of the two lines");
     }
@@ -131,6 +130,13 @@ fn twice(ids: &[usize]) -> Option<usize> {
 fn is_id(line: &str, id: usize) -> bool {
     line.split_once('=')
         .is_some_and(|(key, value)| key.trim() == "id" && value.trim().starts_with(&id.to_string()))
+}
+
+/// What the whole job, the joint types and the seams say of how they are welded, each for itself.
+fn layers(job: &Job) -> Vec<Weld> {
+    let of_joints = job.joints.values().map(layer::JointSettings::weld);
+    let of_seams = job.seams.iter().map(layer::SeamSettings::weld);
+    std::iter::once(job.weld()).chain(of_joints).chain(of_seams).collect()
 }
 
 /// Keys given together of which only one can hold.

@@ -39,6 +39,21 @@ function pairsOf(places, closed) {
 
 const repeat = (colour, pairs) => Array.from({ length: pairs.length / 3 }, () => colour.toArray()).flat();
 
+function boxGeometry([least, greatest]) {
+  const [low, high] = [local(least), local(greatest)];
+  const size = high.clone().sub(low);
+  return new THREE.BoxGeometry(...size).translate(...low.add(high).multiplyScalar(0.5));
+}
+
+// A square across the picture, where the plane is nearest to its middle; or one of the given size.
+function planeGeometry([at, toward], size_mm) {
+  const normal = new THREE.Vector3(...toward).normalize();
+  const turn = new THREE.Quaternion().setFromUnitVectors(new THREE.Vector3(0, 0, 1), normal);
+  const middle = size_mm ? local(at) : normal.multiplyScalar(local(at).dot(normal));
+  const size = size_mm ?? 2 * radius;
+  return new THREE.PlaneGeometry(size, size).applyQuaternion(turn).translate(...middle);
+}
+
 export class Scene {
   constructor(canvas, layers, onFrame) {
     this.canvas = canvas;
@@ -213,6 +228,26 @@ export class Scene {
       const chosen = wide(pairs, null, 9, { color: "#ffffff", transparent: true, opacity: 0.85, depthWrite: false, ...ABOVE });
       this.add("chosen", chosen).renderOrder = 1;
     }
+    this.redraw();
+  }
+
+  // Boxes, by their least and greatest corner, and squares that stand for all beyond a plane, by a place on it and its normal;
+  // or of the given size about that place; all are seen through: [{ isPlane, mm: [[x, y, z], [x, y, z]], size_mm, css }].
+  solids(list) {
+    this.drop("solids");
+    const group = new THREE.Group();
+    const [pairs, colours] = [[], []];
+    for (const { isPlane, mm, size_mm, css } of list) {
+      const geometry = isPlane ? planeGeometry(mm, size_mm) : boxGeometry(mm);
+      const face = new THREE.MeshBasicMaterial({ color: css, transparent: true, opacity: 0.22, depthWrite: false, side: THREE.DoubleSide });
+      group.add(new THREE.Mesh(geometry, face));
+      const edges = new THREE.EdgesGeometry(geometry);
+      pairs.push(...edges.attributes.position.array);
+      colours.push(...repeat(new THREE.Color(css), edges.attributes.position.array));
+      edges.dispose();
+    }
+    if (pairs.length) group.add(wide(pairs, colours, 2));
+    if (pairs.length) this.add("solids", group);
     this.redraw();
   }
 

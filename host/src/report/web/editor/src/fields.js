@@ -83,5 +83,6 @@ export function field(schema, type, table, key, save) {
   return row;
 }
 
-// A field whose setting is a key of the job, or of one seam.
-export const jobField = (schema, type, table, key, seam) => field(schema, type, table, key, (value) => edit({ edit: "set", seam, key: `${table}.${key}`, value }));
+// A field whose setting is a key of the job, of all seams of a joint type, or of one seam.
+export const jobField = (schema, type, table, key, scope) => field(schema, type, table, key, (value) => edit(setting(scope, `${table}.${key}`, value)));
+export const setting = ({ seam, joint }, key, value) => ({ edit: "set", seam: seam ?? null, key: joint ? `joint.${joint}.${key}` : key, value });

@@ -6,15 +6,19 @@ import { WORDS } from "./words.js";
 import { act, content, edit, follow, onState, schema as ofJob } from "./server.js";
 import { parts } from "./panel.js";
 import { Ends } from "./ends.js";
-import { Asking } from "./ask.js";
+import { Clicks } from "./clicks.js";
+import { edgeBetween } from "./faces.js";
+import { beyond, draw, sketchAround } from "./regions.js";
 
 const own = { plan: Number($("editor").dataset.plan), cloud: Number($("editor").dataset.cloud), taking: false, schema: null, state: null, scope: "seam", parts: [], built: null };
 const page = globalThis.weldpath;
 const seamIds = page?.content.summary.seams.map((seam) => seam.id) ?? [];
 const chosen = () => page?.state.seam ?? null;
 const seamState = (id) => own.state?.seams.find((seam) => seam.id === id);
-// The seam that is edited; null for the whole job.
+// The seam that is edited; null where it is all of a joint type, or the whole job.
 const target = () => (own.scope === "seam" && seamIds.length ? chosen() : null);
+const jointOf = (id) => seamState(id)?.own?.joint ?? seamState(id)?.found_joint;
+const scopeNow = () => (target() ? { seam: target() } : own.scope === "joint" && jointOf(chosen()) ? { joint: jointOf(chosen()) } : {});
 
 const button = (id, text, title, onclick) => el("button", { type: "button", id, title, onclick }, text);
 
@@ -31,15 +35,52 @@ function toolbar() {
     button("plan", WORDS.plan, WORDS.planHint, plan),
     button("cancel", WORDS.cancel, WORDS.cancelHint, () => act("cancel")),
     button("copy", WORDS.copy, WORDS.copyHint, copy),
-    asking && button("ask", WORDS.ask, WORDS.askHint, askOrNot));
+    ...Object.values(clicks ? KINDS : {}).map((kind) => button(kind.id, kind.text, kind.title, () => begin(kind))));
   strip.append(tools, bar, said, failed);
   document.querySelector("header.bar").after(strip);
 }
 
-function askOrNot() {
-  if (!asking) return;
-  if (asking.on) asking.key("Escape");
-  else asking.begin();
+// What is asked for by clicks on the cloud, by its key.
+const KINDS = {
+  a: {
+    id: "ask", text: WORDS.ask, title: WORDS.askHint, least: 2, words: WORDS.asking, said: WORDS.asked,
+    done: (places) => edit({ edit: "ask", between_mm: places.map(({ mm }) => mm) }),
+  },
+  e: {
+    id: "faces", text: WORDS.faces, title: WORDS.facesHint, least: 2, most: 2, words: WORDS.clickingFaces, said: WORDS.asked,
+    done: (places) => {
+      const edge = edgeBetween(clicks.points(), places);
+      return edge ? edit({ edit: "ask", between_mm: edge.map((mm) => mm.map((v) => Math.round(10 * v) / 10)) }) : WORDS.noEdge;
+    },
+  },
+  b: { id: "box", text: WORDS.box, title: WORDS.boxHint, least: 2, words: WORDS.boxing, said: WORDS.boxed, changed: (places) => { sketchAround(places); inPicture.changed(); }, done: () => showGroup("regions") },
+  m: {
+    id: "measure", text: WORDS.measure, title: WORDS.measureHint, least: 2, most: 2, words: WORDS.measuring, done: () => null,
+    said: ([a, b]) => { const by = a.mm.map((v, axis) => Math.abs(b.mm[axis] - v)); return WORDS.measured(Math.hypot(...by), by); },
+  },
+  h: {
+    id: "plane", text: WORDS.plane, title: WORDS.planeHint, least: 1, most: 1, words: WORDS.planing, said: WORDS.searchLater,
+    done: async ([place]) => (await edit({ edit: "exclude", was: null, now: { half_space: beyond(place) } })) ?? showGroup("regions"),
+  },
+};
+
+function begin(kind) {
+  clicks?.toggle(kind);
+}
+
+function crossSection() {
+  showGroup("section", "seam");
+  $("section-at")?.focus();
+}
+
+// Opens a group of the settings; answers with nothing.
+function showGroup(name, which = "job") {
+  scope(which);
+  const group = document.querySelector(`#settings [data-group="${name}"]`);
+  if (!group) return null;
+  group.open = true;
+  group.scrollIntoView({ block: "nearest" });
+  return null;
 }
 
 async function plan() {
@@ -150,6 +191,7 @@ function reasons() {
 function panel() {
   const scopes = el("div", { class: "scopes", role: "group", "aria-label": WORDS.scopeHint },
     button("scope-seam", "", WORDS.scopeHint, () => scope("seam")),
+    button("scope-joint", "", WORDS.scopeHint, () => scope("joint")),
     button("scope-job", WORDS.scopeJob, WORDS.scopeHint, () => scope("job")));
   const actions = el("div", { id: "actions", class: "actions" },
     button("on", "", WORDS.onHint, () => weld(target(), !seamState(target())?.on)),
@@ -181,33 +223,40 @@ function render(state) {
   showTicks(state);
   for (const box of document.querySelectorAll("#verdict input")) box.checked = state.job.accept.includes(box.dataset.reason);
   const id = target();
-  if (own.built !== String(id) || !own.parts.length) {
+  const where = scopeNow();
+  const name = JSON.stringify(where);
+  if (own.built !== name || !own.parts.length) {
     const open = own.parts.length ? openGroups() : stored().open ?? ["path"];
-    own.parts = parts(own.schema, state, id, open);
-    own.built = String(id);
+    own.parts = parts(own.schema, state, where, open, inPicture);
+    own.built = name;
+    inPicture.section = null;
     $("settings").replaceChildren(...own.parts);
   }
   own.parts.forEach((part) => part.update(state));
+  inPicture.changed();
   const selected = seamState(chosen());
   ends?.show(selected && seamLine(selected.id), selected?.settings, selected && isReversed(selected));
   $("scope-seam").hidden = !seamIds.length;
   $("scope-seam").textContent = WORDS.scopeSeam(chosen());
   $("scope-seam").setAttribute("aria-pressed", String(id !== null));
-  $("scope-job").setAttribute("aria-pressed", String(id === null));
+  $("scope-joint").hidden = !jointOf(chosen());
+  $("scope-joint").textContent = WORDS.scopeJoint(jointOf(chosen()));
+  $("scope-joint").setAttribute("aria-pressed", String(Boolean(where.joint)));
+  $("scope-job").setAttribute("aria-pressed", String(id === null && !where.joint));
   $("actions").hidden = id === null;
   $("on").textContent = seamState(id)?.on ? WORDS.leaveOut : WORDS.weld;
 }
 
 function keyboard() {
   const acts = {
-    a: askOrNot, p: plan, x: () => weld(chosen(), !seamState(chosen())?.on), r: () => reverse(chosen()), "[": () => move(chosen(), -1), "]": () => move(chosen(), 1),
-    j: () => scope(own.scope === "job" ? "seam" : "job"), c: copy, Escape: () => own.state.running && act("cancel"),
+    ...Object.fromEntries(Object.entries(KINDS).map(([key, kind]) => [key, () => begin(kind)])), p: plan, x: () => weld(chosen(), !seamState(chosen())?.on), r: () => reverse(chosen()), "[": () => move(chosen(), -1), "]": () => move(chosen(), 1),
+    j: () => scope({ seam: "job", job: "joint", joint: "seam" }[own.scope]), c: copy, s: crossSection, Escape: () => own.state.running && act("cancel"),
   };
   // Before the report takes the space bar for its player. A button in focus keeps Enter and space for itself.
   document.addEventListener("keydown", (event) => {
     const itsOwn = event.target.closest?.("button, summary, a, select, input");
     if (itsOwn && event.key !== "Escape") return;
-    if (event.ctrlKey || event.metaKey || event.altKey || !asking?.key(event.key)) return;
+    if (event.ctrlKey || event.metaKey || event.altKey || !clicks?.key(event.key)) return;
     event.preventDefault();
     event.stopImmediatePropagation();
   }, { capture: true });
@@ -247,8 +296,14 @@ function restore() {
 
 if (!page) document.documentElement.dataset.theme = matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
 const seamLine = (id) => page.content.seams.find((seam) => seam.id === id);
-const asking = page?.scene ? new Asking(page.scene, new page.scene.camera.position.constructor(...page.content.centre_mm),
-  (between_mm) => edit({ edit: "ask", between_mm }), (words) => tell(words)) : null;
+const clicks = page?.scene ? new Clicks(page.scene, new page.scene.camera.position.constructor(...page.content.centre_mm), tell) : null;
+const inPicture = {
+  tell,
+  changed: () => own.state && page?.scene && draw(page.scene, own.state.job, scopeNow().seam ? inPicture.section : null),
+  seam: (id) => ({ seam: id, length_mm: page.content.summary.seams.find((one) => one.id === id).length_mm }),
+  plane: (section) => { inPicture.section = section; inPicture.changed(); },
+  clicks: clicks ? [KINDS.b, KINDS.h].map((kind) => ({ ...kind, begin: () => begin(kind) })) : [],
+};
 const ends = page?.scene && seamIds.length ? new Ends(page.scene, (seam, key, mm) => change({ edit: "set", seam, key: `path.${key}`, value: mm })) : null;
 
 toolbar();
@@ -299,7 +354,7 @@ async function bringUp() {
 }
 
 onState((state) => {
-  if (own.state && state.revision !== own.state.revision && state.running && !asking?.on) note = "";
+  if (own.state && state.revision !== own.state.revision && state.running && !clicks?.kind) note = "";
   own.state = state;
   if (state.plan === own.plan) render(state);
   else bringUp();

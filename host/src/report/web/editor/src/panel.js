@@ -2,18 +2,20 @@
 
 import { el } from "../../src/dom.js";
 import { GROUPS, LABELS, WORDS } from "./words.js";
-import { field, jobField, keysOf } from "./fields.js";
+import { field, jobField, keysOf, setting } from "./fields.js";
 import { edit } from "./server.js";
+import { regions } from "./regions.js";
+import { section } from "./section.js";
 
 const TYPES = { order: "OrderSettings", path: "PathSettings", torch: "TorchSettings", weave: "WeaveSettings", stitch: "StitchSettings", arc: "ArcSettings", program: "ProgramSettings", torch_body: "TorchBodySettings" };
 const LAYERS = ["path", "torch", "weave", "stitch"];
 // Of a pass, beside its place: what differs from pass to pass.
 const OF_PASS = [["path", "feed_mm_s"], ["torch", "work_angle_deg"], ["torch", "travel_angle_deg"], ["weave", "shape"], ["weave", "amplitude_mm"]];
 
-const seamOf = (state, id) => state.seams.find((seam) => seam.id === id);
-// What is said in this place, and what holds.
-const saidIn = (state, id) => (id === null ? state.job : seamOf(state, id)?.own ?? {});
-const holdsIn = (state, id) => (id === null ? state.settings : seamOf(state, id)?.settings ?? state.settings);
+const seamOf = (state, id) => state.seams.find((one) => one.id === id);
+// What is said in a scope, and what holds there. A scope is { seam }, the id of one, { joint }, the type of all that have it, or {}.
+const saidIn = (state, { seam, joint }) => (seam ? seamOf(state, seam)?.own ?? {} : joint ? state.job.joint?.[joint] ?? {} : state.job);
+const holdsIn = (state, { seam }) => (seam ? seamOf(state, seam)?.settings ?? state.settings : state.settings);
 
 function group(name, open, children) {
   const box = el("details", { class: "group", "data-group": name, open }, el("summary", {}, GROUPS[name] ?? WORDS[name]), children);
@@ -21,15 +23,15 @@ function group(name, open, children) {
   return box;
 }
 
-function settings(schema, table, id, open) {
+function settings(schema, table, scope, open) {
   const fields = keysOf(schema, TYPES[table], table).map((key) => {
-    const row = jobField(schema, TYPES[table], table, key, id);
+    const row = jobField(schema, TYPES[table], table, key, scope);
     const show = row.update;
     const { default: usual } = schema.$defs[TYPES[table]].properties[key];
     row.update = (state) => {
-      const own = saidIn(state, id)[table]?.[key];
+      const own = saidIn(state, scope)[table]?.[key];
       // Tables outside the layers hold their defaults themselves.
-      if (LAYERS.includes(table)) show(own, holdsIn(state, id)[table]?.[key]);
+      if (LAYERS.includes(table)) show(own, holdsIn(state, scope)[table]?.[key]);
       else show(String(own) === String(usual) ? undefined : own, usual);
     };
     return row;
@@ -37,13 +39,13 @@ function settings(schema, table, id, open) {
   return group(table, open, fields);
 }
 
-function passes(schema, id, open) {
+function passes(schema, scope, open) {
   const list = el("div", {});
   const add = el("button", { type: "button" }, WORDS.addPass);
   const box = group("passes", open, [list, add]);
   let now = [];
   let fields = [];
-  const save = (passes) => edit({ edit: "set", seam: id, key: "pass", value: passes.length ? passes : null });
+  const save = (passes) => edit(setting(scope, "pass", passes.length ? passes : null));
   // Without any there is one on the seam's line: the first that is added is the second.
   add.addEventListener("click", () => save([...(now.length ? now : [{}]), {}]));
   const withValue = (k, table, key, value) => save(now.map((pass, at) => {
@@ -74,18 +76,21 @@ function passes(schema, id, open) {
   };
   box.update = (state) => {
     const before = now.length;
-    now = holdsIn(state, id).pass;
+    now = scope.joint ? saidIn(state, scope).pass ?? holdsIn(state, scope).pass : holdsIn(state, scope).pass;
     if (before !== now.length || !list.firstChild) build();
     for (const { row, reverse, k, table, key } of fields) {
       if (reverse) reverse.checked = Boolean(now[k].reverse);
-      else row.update(table ? now[k][table]?.[key] : now[k][key] || undefined, table ? holdsIn(state, id)[table]?.[key] : 0);
+      else row.update(table ? now[k][table]?.[key] : now[k][key] || undefined, table ? holdsIn(state, scope)[table]?.[key] : 0);
     }
   };
   return box;
 }
 
+// What a type with a few words may be.
+const namesOf = (schema, type) => schema.$defs[type].oneOf?.flatMap((one) => one.enum ?? [one.const]) ?? schema.$defs[type].enum;
+
 function formats(schema) {
-  const names = schema.$defs.Robot.oneOf?.flatMap((one) => one.enum ?? [one.const]) ?? schema.$defs.Robot.enum;
+  const names = namesOf(schema, "Robot");
   const boxes = names.map((name) => el("input", { type: "checkbox", value: name, "data-key": `formats.${name}`, onchange: () => edit({ edit: "set", seam: null, key: "formats", value: boxes.filter((box) => box.checked).map((box) => box.value) }) }));
   const box = el("fieldset", {}, el("legend", {}, WORDS.formats), boxes.map((one) => el("label", { class: "box" }, one, one.value)));
   box.update = (state) => boxes.forEach((one) => { one.checked = state.job.formats.includes(one.value); });
@@ -157,11 +162,27 @@ function command() {
   return box;
 }
 
-// All that can be set for one seam, or with null for the whole job; `open` are the groups that stand open.
-export function parts(schema, state, id, open) {
-  const layers = LAYERS.map((table) => settings(schema, table, id, open.includes(table)));
-  layers.push(passes(schema, id, open.includes("passes")));
-  if (id !== null) return layers;
-  const of = (table) => settings(schema, table, null, open.includes(table));
-  return [formats(schema), robot(state), asked(open.includes("asked")), of("order"), ...layers, tool(schema, open.includes("tool")), of("arc"), of("program"), of("torch_body"), command()];
+// The joint type of one seam: as it was found, or as the user says.
+function joint(schema, seam) {
+  const found = el("option", { value: "" });
+  const select = el("select", { id: "set-joint", "data-key": "joint", title: WORDS.jointHint, onchange: (event) => edit(setting({ seam }, "joint", event.target.value || null)) },
+    found, namesOf(schema, "Joint").map((type) => el("option", { value: type }, type)));
+  const box = el("div", { class: "field" }, el("label", { for: "set-joint" }, WORDS.joint), select);
+  box.update = (state) => {
+    const own = seamOf(state, seam);
+    found.textContent = WORDS.foundJoint(own?.found_joint ?? "");
+    select.value = own?.own?.joint ?? "";
+    box.classList.toggle("said", Boolean(select.value));
+  };
+  return box;
+}
+
+// All that can be set in a scope; `open` are the groups that stand open, `inPicture` is what boxes are clicked and drawn with.
+export function parts(schema, state, scope, open, inPicture) {
+  const layers = LAYERS.map((table) => settings(schema, table, scope, open.includes(table)));
+  layers.push(passes(schema, scope, open.includes("passes")));
+  if (scope.seam) return [joint(schema, scope.seam), section(group, inPicture.seam(scope.seam), open.includes("section"), inPicture.plane), ...layers];
+  if (scope.joint) return layers;
+  const of = (table) => settings(schema, table, {}, open.includes(table));
+  return [formats(schema), robot(state), asked(open.includes("asked")), regions(group, open.includes("regions"), inPicture), of("order"), ...layers, tool(schema, open.includes("tool")), of("arc"), of("program"), of("torch_body"), command()];
 }

@@ -28,6 +28,12 @@ export async function content() {
   return answer.ok ? answer.json() : null;
 }
 
+// The cross-section of a seam so far along it, or why there is none.
+export async function section(seam, at_mm) {
+  const answer = await fetch(`section?seam=${seam}&at_mm=${at_mm}`);
+  return answer.ok ? answer.json() : answer.text();
+}
+
 export async function schema() {
   return (await fetch("schema")).json();
 }
