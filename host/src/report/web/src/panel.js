@@ -216,7 +216,7 @@ export function charts() {
 
 function table(heads, rows) {
   const kind = (k) => (heads[k].startsWith("#") ? "num" : "");
-  return el("table", {}, el("thead", {}, el("tr", {}, heads.map((h, k) => el("th", { scope: "col", class: kind(k) }, h.replace("#", ""))))),
+  return el("table", {}, el("thead", {}, el("tr", {}, heads.map((h, k) => (h ? el("th", { scope: "col", class: kind(k) }, h.replace("#", "")) : el("td"))))),
     el("tbody", {}, rows.map((row) => el("tr", {}, row.map((cell, k) => el("td", { class: kind(k) }, cell))))));
 }
 
