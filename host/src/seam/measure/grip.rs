@@ -123,6 +123,33 @@ struct Pair {
     inwards: bool,
 }
 
+impl Pair {
+    /// Whether a line is of the body between with one of those that grip it.
+    fn holds_by(&self, line: &Line) -> bool {
+        self.jaws.iter().any(|&jaw| line.is_of(self.held, jaw))
+    }
+
+    /// Whether a line is where the body between lies on what carries both that grip it, as it would on the table.
+    fn rests_by(&self, line: &Line, lines: &[Line]) -> bool {
+        let carries = |body: usize, jaw: usize| {
+            lines.iter().any(|l| l.is_of(body, jaw) && l.face_of(body).dot(&self.normal) > SAME_DIRECTION)
+        };
+        let is_carrier = |body: usize| self.jaws.iter().all(|&jaw| carries(body, jaw));
+        let [a, b] = line.bodies;
+        a == self.held && is_carrier(b) || b == self.held && is_carrier(a)
+    }
+}
+
+impl Line {
+    fn is_of(&self, a: usize, b: usize) -> bool {
+        self.bodies == [a.min(b), a.max(b)]
+    }
+
+    fn face_of(&self, body: usize) -> &Vector3<f32> {
+        &self.faces[usize::from(self.bodies[1] == body)]
+    }
+}
+
 fn pairs(lines: &[Line]) -> Vec<Pair> {
     let mut found = Vec::new();
     for (m, b) in lines.iter().enumerate() {
@@ -151,14 +178,16 @@ fn pairs(lines: &[Line]) -> Vec<Pair> {
 /// Which seams are contacts.
 fn contacts(lines: &[Line], sides: &[Sides], above_mm: f32) -> Vec<usize> {
     let pairs = pairs(lines);
-    // A web has the plate on both of its sides.
-    let is_web =
-        |body: usize, on: usize| pairs.iter().any(|p| !p.inwards && p.held == on && p.jaws == [body, body]);
-    let is_grip = |pair: &&Pair| pair.inwards && !pair.jaws.iter().any(|&jaw| is_web(jaw, pair.held));
+    // A web has the face that it stands on at both of its sides.
+    let is_web = |body: usize, grip: &Pair| {
+        let stands = |p: &&Pair| p.held == grip.held && p.normal.dot(&grip.normal) > SAME_DIRECTION;
+        pairs.iter().filter(stands).any(|p| !p.inwards && p.jaws == [body, body])
+    };
+    let is_grip = |pair: &&Pair| pair.inwards && !pair.jaws.iter().any(|&jaw| is_web(jaw, pair));
     let grips: Vec<&Pair> = pairs.iter().filter(is_grip).collect();
     let mut groups = Groups::default();
-    let is_gripped = |k: usize| grips.iter().any(|grip| grip.lines.contains(&k));
-    (0..lines.len()).filter(|&k| !is_gripped(k)).for_each(|k| groups.join(lines[k].bodies));
+    let ties = |line: &&Line| !grips.iter().any(|grip| grip.holds_by(line) || grip.rests_by(line, lines));
+    lines.iter().filter(ties).for_each(|line| groups.join(line.bodies));
     let mut found = Vec::new();
     for grip in grips {
         let held = groups.of(grip.held);
@@ -172,7 +201,8 @@ fn contacts(lines: &[Line], sides: &[Sides], above_mm: f32) -> Vec<usize> {
             // The end of a plate meets what holds it below its face.
             let is_end = line.direction.dot(&grip.normal).abs() > SAME_DIRECTION
                 && grip.normal.dot(&(line.place_mm - first.place_mm)) < above_mm;
-            (is_held(a) && holds(b) || is_held(b) && holds(a)) && !is_along && !is_end
+            let is_between = is_held(a) && holds(b) || is_held(b) && holds(a);
+            is_between && !is_along && !is_end && !grip.rests_by(line, lines)
         };
         let on = |k: &usize, one: &dyn Fn(usize) -> bool, two: &dyn Fn(usize) -> bool| {
             let [Some(a), Some(b)] = sides[*k] else { return false };
