@@ -92,10 +92,7 @@ pub fn numbers(page: &str) -> Option<&str> {
 /// The page that waits for the first plan.
 #[cfg(feature = "open")]
 pub fn waiting(nonce: &str) -> String {
-    let [style, editor] = EDITOR;
-    let parts =
-        [("{{style}}", STYLE), ("{{editor-style}}", style), ("{{nonce}}", nonce), ("{{editor}}", editor)];
-    parts.iter().fold(WAITING.to_owned(), |page, (slot, text)| page.replacen(slot, text, 1))
+    bare(WAITING, nonce, EDITOR[1])
 }
 
 /// The page on which something to open is chosen, and its script, built by `web/build.sh`.
@@ -106,6 +103,12 @@ const START: [&str; 2] = [include_str!("web/editor/start.html"), include_str!("w
 #[cfg(feature = "open")]
 pub fn start(nonce: &str) -> String {
     let [page, script] = START;
+    bare(page, nonce, script)
+}
+
+/// A page without a report, with its styles and its script.
+#[cfg(feature = "open")]
+fn bare(page: &str, nonce: &str, script: &str) -> String {
     let parts =
         [("{{style}}", STYLE), ("{{editor-style}}", EDITOR[0]), ("{{nonce}}", nonce), ("{{script}}", script)];
     parts.iter().fold(page.to_owned(), |page, (slot, text)| page.replacen(slot, text, 1))

@@ -19,7 +19,7 @@ use super::trace::chain::TraceConfig;
 use super::trace::corner::{self, CornerConfig};
 use super::trace::support::{self, Support};
 use super::trace::{Chain, InsideCorner, step};
-use super::{Joint, Seam, Station};
+use super::{Joint, Seam};
 use nalgebra::Point3;
 
 /// What became of the wish for a seam.
@@ -57,18 +57,11 @@ pub fn find(input: &Input, places_mm: &[Point3<f64>], known: &[Seam], config: &S
     let Some(line) = AskedLine::new(places) else {
         return Answer::Nothing("the places are one and the same: name two along the seam".into());
     };
-    let taken = |seam: &Seam| -> Vec<Frame> { seam.stations.iter().map(|s| frame(s, &origin_mm)).collect() };
+    let taken =
+        |seam: &Seam| -> Vec<Frame> { seam.stations.iter().map(|s| Frame::of(s, &origin_mm)).collect() };
     let known = known.iter().map(|seam| (seam.id, taken(seam))).collect();
     let wish = Wish { input, line, known, config };
     wish.answer()
-}
-
-fn frame(station: &Station, origin_mm: &Point3<f64>) -> Frame {
-    Frame {
-        position: Point3::from((station.position_mm - origin_mm).cast::<f32>()),
-        tangent: station.tangent.cast(),
-        faces: station.faces.map(|face| face.cast()),
-    }
 }
 
 /// A wish for a seam, and where it is looked for.

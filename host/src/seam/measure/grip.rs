@@ -5,9 +5,10 @@
 //! braces are of the work. Where nothing is welded on the body between, it may as well be a beam's web between its flanges, and is
 //! left as it is.
 
+use crate::seam::Seam;
 use crate::seam::input::SurfaceModel;
-use crate::seam::trace::{ChainLink, InsideCorner};
-use crate::seam::{Seam, Station};
+use crate::seam::refine::frame::Frame;
+use crate::seam::trace::InsideCorner;
 use nalgebra::{Point3, Vector3};
 
 /// Points nearer to an inside corner than this are of no body, voxels: normals about it are of both faces.
@@ -41,8 +42,8 @@ pub fn mark_contacts(
     }
     let bodies = Bodies::parted(model, corners.iter().map(|corner| corner.position).chain(on_table));
     let lines = lines(corners, |corner| {
-        let link = ChainLink::from(corner);
-        Some([bodies.beside(&link, 0)?, bodies.beside(&link, 1)?])
+        let beside = |k| bodies.beside(&corner.position, &corner.faces, k);
+        Some([beside(0)?, beside(1)?])
     });
     let sides: Vec<Sides> = seams.iter().map(|seam| bodies.sides_of(seam)).collect();
     for k in contacts(&lines, &sides, ABOVE_VOXELS * model.voxel_mm()) {
@@ -275,29 +276,23 @@ impl<'a> Bodies<'a> {
 
     /// The bodies that most stations of a seam have on their faces.
     fn sides_of(&self, seam: &Seam) -> Sides {
+        let frames: Vec<Frame> =
+            seam.stations.iter().map(|station| Frame::of(station, &self.model.cloud.origin_mm)).collect();
         [0, 1].map(|k| {
-            let mut bodies: Vec<usize> =
-                seam.stations.iter().filter_map(|station| self.beside(&self.in_model(station), k)).collect();
+            let beside = |frame: &Frame| self.beside(&frame.position, &frame.faces, k);
+            let mut bodies: Vec<usize> = frames.iter().filter_map(beside).collect();
             bodies.sort_unstable();
             let runs = bodies.chunk_by(|a, b| a == b);
             runs.max_by_key(|run| run.len()).map(|run| run[0])
         })
     }
 
-    fn in_model(&self, station: &Station) -> ChainLink {
-        ChainLink {
-            position: Point3::from((station.position_mm - self.model.cloud.origin_mm).cast()),
-            direction: station.tangent.cast(),
-            faces: station.faces.map(|face| face.cast()),
-        }
-    }
-
     /// The body on a face beside a corner.
-    fn beside(&self, corner: &ChainLink, k: usize) -> Option<usize> {
+    fn beside(&self, place: &Point3<f32>, faces: &[Vector3<f32>; 2], k: usize) -> Option<usize> {
         let v = self.model.voxel_mm();
-        let (face, other) = (corner.faces[k], corner.faces[1 - k]);
+        let (face, other) = (faces[k], faces[1 - k]);
         let away = (other - face * face.dot(&other)).try_normalize(LEAST_LENGTH)?;
-        let at = corner.position + away * (BESIDE_VOXELS * v);
+        let at = place + away * (BESIDE_VOXELS * v);
         let (slot, _) =
             self.model.index.nearest(&at, NEAR_VOXELS * v, |slot| self.of_point[slot].is_some())?;
         self.of_point[slot]

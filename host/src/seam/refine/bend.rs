@@ -2,12 +2,12 @@
 //! and begins anew beyond, and a curve as stiff as the straight sides ask for would cut it.
 //!
 //! Two refined seams that end at such a corner share a face, and their lines meet ahead of both. The radius is the one at which the points
-//! of the wall lie nearest to both lines and the arc between them; where it is too small to tell from a sharp corner, or points are missing, the seams
-//! stay apart.
+//! of the wall lie nearest to both lines and the arc between them; where it is too small to tell from a sharp corner, or points are
+//! missing, the seams stay apart.
 
 use super::Refined;
 use super::frame::Frame;
-use super::path::{PathPoint, frames, resampled};
+use super::path::{PathPoint, frames, nearest, resampled};
 use crate::geometry::grid::Grid;
 use crate::seam::trace::{Chain, obstruction};
 use nalgebra::{Point3, Vector2, Vector3};
@@ -77,22 +77,23 @@ impl Scene<'_> {
         if a.closed || b.closed {
             return None;
         }
-        let (back_a, back_b) = (reversed(a), reversed(b));
-        let pairs = [(a, b), (a, &back_b), (&back_a, b), (&back_a, &back_b)];
-        pairs.into_iter().find_map(|(first, second)| {
-            let bend = self.bend(first, second)?;
-            let second = if bend.swapped { swapped(second) } else { second.clone() };
-            let from = second.frames.len() - bend.beyond;
-            let stations = Stations::of(first, 0..bend.before)
-                .with(&bend.arc)
-                .and(Stations::of(&second, from..second.frames.len()));
-            stations.refined(&worse(first, &second), false)
-        })
+        [(false, false), (false, true), (true, false), (true, true)].into_iter().find_map(
+            |(turn_a, turn_b)| {
+                let bend = self.bend(&run(a, turn_a), &run(b, turn_b), a.step_mm)?;
+                let (first, second) = (turned(a, turn_a), turned(b, turn_b));
+                let second = if bend.swapped { swapped(&second) } else { second };
+                let from = second.frames.len() - bend.beyond;
+                let stations = Stations::of(&first, 0..bend.before)
+                    .with(&bend.arc)
+                    .and(Stations::of(&second, from..second.frames.len()));
+                stations.refined(&worse(&first, &second), false)
+            },
+        )
     }
 
     /// A seam closed round the corner between its end and its start.
     fn closed(&self, seam: &Refined) -> Option<Refined> {
-        let bend = if seam.closed { None } else { self.bend(seam, seam) }?;
+        let bend = if seam.closed { None } else { self.bend(&seam.frames, &seam.frames, seam.step_mm) }?;
         let first = seam.frames.len() - bend.beyond;
         if bend.swapped || first >= bend.before {
             return None;
@@ -101,9 +102,9 @@ impl Scene<'_> {
     }
 
     /// The corner from the end of `a` to the start of `b`, if wall and air bear it out.
-    fn bend(&self, a: &Refined, b: &Refined) -> Option<Bend> {
-        let (end, start) = (line_at_end(&a.frames)?, line_at_start(&b.frames)?);
-        let apart = b.frames.first()?.position - a.frames.last()?.position;
+    fn bend(&self, a: &[Frame], b: &[Frame], step_mm: f32) -> Option<Bend> {
+        let (end, start) = (line_at_end(a)?, line_at_start(b)?);
+        let apart = b.first()?.position - a.last()?.position;
         if apart.norm() > 2.0 * MOST_RADIUS_VOXELS * self.voxel_mm {
             return None;
         }
@@ -115,11 +116,11 @@ impl Scene<'_> {
             let tangent_mm = corner.tangent_mm(radius_mm);
             let before = |f: &Frame| (f.position - corner.apex).dot(&corner.ahead) < -tangent_mm;
             let beyond = |f: &Frame| (f.position - corner.apex).dot(&start.tangent) > tangent_mm;
-            let arc = corner.arc(radius_mm, a.step_mm);
+            let arc = corner.arc(radius_mm, step_mm);
             let bend = Bend {
                 arc,
-                before: a.frames.len() - a.frames.iter().rev().take_while(|f| !before(f)).count(),
-                beyond: b.frames.len() - b.frames.iter().take_while(|f| !beyond(f)).count(),
+                before: a.len() - a.iter().rev().take_while(|f| !before(f)).count(),
+                beyond: b.len() - b.iter().take_while(|f| !beyond(f)).count(),
                 swapped: i != j,
             };
             let is_free = bend.arc.windows(2).all(|w| {
@@ -168,7 +169,7 @@ struct Stations {
 impl Stations {
     fn of(seam: &Refined, range: Range<usize>) -> Self {
         Self {
-            points: seam.frames[range.clone()].iter().map(path_point).collect(),
+            points: seam.frames[range.clone()].iter().map(PathPoint::from).collect(),
             measured: seam.measured[range.clone()].to_vec(),
             view_share: seam.view_share[range].to_vec(),
         }
@@ -177,7 +178,7 @@ impl Stations {
     /// Then those of an arc, seen as the last station was.
     fn with(mut self, arc: &[Frame]) -> Self {
         let share = self.view_share.last().cloned().unwrap_or_default();
-        self.points.extend(arc.iter().map(path_point));
+        self.points.extend(arc.iter().map(PathPoint::from));
         self.measured.extend(arc.iter().map(|_| true));
         self.view_share.extend(arc.iter().map(|_| share.clone()));
         self
@@ -194,10 +195,10 @@ impl Stations {
     fn refined(self, like: &Refined, closed: bool) -> Option<Refined> {
         let (points, step_mm) = resampled(&self.points, closed, like.step_mm);
         let frames = frames(&points, closed)?;
-        let nearest = |k: usize| (k * self.points.len() / points.len()).min(self.points.len() - 1);
+        let of = |k: usize| nearest(k, points.len(), self.points.len());
         Some(Refined {
-            measured: (0..points.len()).map(|k| self.measured[nearest(k)]).collect(),
-            view_share: (0..points.len()).map(|k| self.view_share[nearest(k)].clone()).collect(),
+            measured: (0..points.len()).map(|k| self.measured[of(k)]).collect(),
+            view_share: (0..points.len()).map(|k| self.view_share[of(k)].clone()).collect(),
             frames,
             step_mm,
             closed,
@@ -206,17 +207,18 @@ impl Stations {
     }
 }
 
-fn path_point(frame: &Frame) -> PathPoint {
-    PathPoint { position_mm: frame.position.coords.cast(), faces: frame.faces.map(|n| n.cast()) }
+/// The stations of a seam, or of the same seen by a weld that runs the other way.
+fn run(seam: &Refined, is_turned: bool) -> Vec<Frame> {
+    if is_turned { seam.frames.iter().rev().map(Frame::reversed).collect() } else { seam.frames.clone() }
 }
 
-fn reversed(seam: &Refined) -> Refined {
-    Refined {
-        frames: seam.frames.iter().rev().map(Frame::reversed).collect(),
-        measured: seam.measured.iter().rev().copied().collect(),
-        view_share: seam.view_share.iter().rev().cloned().collect(),
-        ..seam.clone()
+fn turned(seam: &Refined, is_turned: bool) -> Refined {
+    let mut seam = Refined { frames: run(seam, is_turned), ..seam.clone() };
+    if is_turned {
+        seam.measured.reverse();
+        seam.view_share.reverse();
     }
+    seam
 }
 
 /// The same with its faces in the other order.

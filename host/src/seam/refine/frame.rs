@@ -1,5 +1,6 @@
 //! Stations of a seam that is being refined, and the axes of its cross-sections.
 
+use crate::seam::Station;
 use nalgebra::{Point3, Vector2, Vector3};
 
 /// One station of a seam that is being refined; single precision about the cloud's origin.
@@ -32,6 +33,15 @@ impl Frame {
     ) -> Option<Self> {
         let square = |n: Vector3<f32>| (n - tangent * n.dot(&tangent)).try_normalize(LEAST_NORMAL);
         Some(Self { position, tangent, faces: [square(faces[0])?, square(faces[1])?] })
+    }
+
+    /// A station in a cloud about this origin.
+    pub fn of(station: &Station, origin_mm: &Point3<f64>) -> Self {
+        Self {
+            position: Point3::from((station.position_mm - origin_mm).cast::<f32>()),
+            tangent: station.tangent.cast(),
+            faces: station.faces.map(|face| face.cast()),
+        }
     }
 
     /// The same place, seen by a weld that runs the other way.

@@ -30,6 +30,12 @@ impl From<&ChainLink> for PathPoint {
     }
 }
 
+impl From<&Frame> for PathPoint {
+    fn from(frame: &Frame) -> Self {
+        Self { position_mm: frame.position.coords.cast(), faces: frame.faces.map(|n| n.cast()) }
+    }
+}
+
 impl PathPoint {
     /// What is smoothed of it: position, first and second normal.
     fn values(&self) -> [f64; 9] {
@@ -142,6 +148,11 @@ pub(super) fn resampled(points: &[PathPoint], closed: bool, step_mm: f32) -> (Ve
         out.push(PathPoint::mixed(&points[k], &points[k + 1], share));
     }
     (out, (length / steps as f64) as f32)
+}
+
+/// Of so many stations `among` the one that is nearest to the `k`th of `count` resampled ones.
+pub(super) fn nearest(k: usize, count: usize, among: usize) -> usize {
+    (k * among / count).min(among - 1)
 }
 
 /// Frames of points of a path, the tangent by central differences.

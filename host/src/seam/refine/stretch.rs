@@ -1,7 +1,7 @@
 //! From single stations to one smooth seam (ours): what is trusted of them, the stretch that holds together, the curve.
 
 use super::Refined;
-use super::path::{Path, PathPoint, frames, resampled};
+use super::path::{Path, PathPoint, frames, nearest, resampled};
 use super::smooth::Samples;
 use super::station::MeasuredStation;
 use crate::geometry::statistics::{DEVIATION_OF_MEDIAN, median};
@@ -167,7 +167,7 @@ fn path_point((p, n): (&[f64; 3], &[f64; 6])) -> PathPoint {
 impl Kept<'_> {
     /// The station that is nearest to one of `count` resampled ones.
     fn nearest(&self, k: usize, count: usize) -> usize {
-        (k * self.stations.len() / count).min(self.stations.len() - 1)
+        nearest(k, count, self.stations.len())
     }
 
     /// Which of `count` resampled stations were measured.
