@@ -1,4 +1,4 @@
-//! Points and what lies around them: clouds and views, the spatial index that every stage asks, planes through points, the
+//! Points and what lies around them: clouds and views, the spatial index that every stage asks, planes through points, tables, the
 //! row of point-to-plane registration, and statistics.
 
 pub mod cloud;
@@ -8,3 +8,4 @@ pub mod plane;
 pub mod point_to_plane;
 pub mod polyline;
 pub mod statistics;
+pub mod table;

@@ -32,7 +32,7 @@ pub struct Piece {
 }
 
 /// All pieces below `folder`, by name. A scan's truth is `truth.json` in its folder or `truth/NAME.json` beside it; that
-/// of a mesh is `weld_vectors.json` beside it.
+/// of a mesh is `weld_vectors.json` beside it, that of a cloud `truth.json` beside it, in the cloud's frame.
 ///
 /// # Errors
 /// What the system says of a folder that cannot be read.
@@ -57,8 +57,8 @@ fn collect(root: &Path, folder: &Path, found: &mut Vec<Piece>) -> io::Result<()>
         if path.is_dir() {
             collect(root, &path, found)?;
         } else if let Some(kind) = kind(&path) {
-            let list = path.with_file_name("weld_vectors.json");
-            let truth = (kind == PieceKind::Mesh && list.is_file()).then_some(list);
+            let beside = if kind == PieceKind::Mesh { "weld_vectors.json" } else { "truth.json" };
+            let truth = Some(path.with_file_name(beside)).filter(|file| file.is_file());
             found.push(Piece { name: name(&path), kind, input: path, truth });
         }
     }
@@ -78,7 +78,7 @@ impl Piece {
     /// The truth, if there is one.
     pub(super) fn truth(&self) -> Result<Option<Truth>, String> {
         let Some(file) = &self.truth else { return Ok(None) };
-        if self.kind == PieceKind::Scan {
+        if self.kind != PieceKind::Mesh {
             return Truth::read(file).map(Some).map_err(|error| error.to_string());
         }
         let bytes = std::fs::read(file).map_err(|error| format!("{}: {error}", file.display()))?;

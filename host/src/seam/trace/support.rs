@@ -6,8 +6,8 @@
 use crate::geometry::cloud::PointCloud;
 use crate::geometry::plane::Moments;
 use crate::geometry::statistics::DEVIATION_OF_MEDIAN;
+use crate::geometry::table;
 use crate::model::downsampling::Voxels;
-use crate::model::orientation;
 use nalgebra::{Matrix2, Point3, Vector2, Vector3};
 use rayon::prelude::*;
 use std::collections::HashSet;
@@ -105,7 +105,7 @@ impl Support {
 
     /// Whether it reaches farther than what stands on it, whichever way one looks along it.
     fn surrounds(&self, voxels: &Voxels) -> bool {
-        orientation::surrounds(&voxels.cloud.points_mm, &self.normal, self.offset_mm, self.half_mm)
+        table::surrounds(&voxels.cloud.points_mm, &self.normal, self.offset_mm, self.half_mm)
     }
 
     /// Whether a face with this normal at this place is the support itself.

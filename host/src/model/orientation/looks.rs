@@ -1,0 +1,233 @@
+//! What is seen of a cloud by looks from far away, and which of them are at one.
+
+use crate::geometry::grid::Grid;
+use crate::model::downsampling::Voxels;
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+use std::cmp::Reverse;
+
+/// Directions all round.
+const LOOKS: usize = 96;
+/// Sine of the least height of a look over a table.
+const LEAST_HEIGHT: f32 = 0.12;
+/// Edge of a pixel and depth by which what is seen in it may differ, voxels.
+const PIXEL_VOXELS: f32 = 1.5;
+const DEPTH_VOXELS: f32 = 1.2;
+/// Cosine of the steepest angle at which a surface is seen.
+const LEAST_COSINE: f32 = 0.2;
+/// Share of the pixels along one axis of a look at most: stray points are off the picture.
+const MOST_PIXELS: f32 = 2048.0;
+/// Share of what a look sees that it may see from the wrong side: through the gaps between points, and at borders.
+const MOST_AGAINST: f32 = 0.05;
+
+/// What is seen of a cloud from directions all round.
+pub(super) struct Looks {
+    /// Unit directions, evenly spread (Fibonacci's spiral).
+    directions: Vec<Vector3<f32>>,
+    /// Which of them see each voxel, a bit for each.
+    pub(super) seen: Vec<Directions>,
+}
+
+/// Some of the directions: a bit for each.
+pub(super) type Directions = u128;
+const _: () = assert!(LOOKS < Directions::BITS as usize);
+/// All of them.
+pub(super) const ALL: Directions = (1 << LOOKS) - 1;
+
+/// Their numbers.
+fn bits(mut left: Directions) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        let lowest = (left != 0).then(|| left.trailing_zeros() as usize);
+        left &= left.wrapping_sub(1);
+        lowest
+    })
+}
+
+impl Looks {
+    pub(super) fn at(voxels: &Voxels) -> Self {
+        /// Looks that are held at a time: a byte for each and voxel.
+        const AT_A_TIME: usize = 8;
+        let golden = std::f32::consts::PI * (3.0 - 5f32.sqrt());
+        let direction = |k: usize| {
+            let z = 1.0 - (2.0 * k as f32 + 1.0) / LOOKS as f32;
+            let (sin, cos) = (golden * k as f32).sin_cos();
+            let r = (1.0 - z * z).max(0.0).sqrt();
+            Vector3::new(r * cos, r * sin, z)
+        };
+        let directions: Vec<Vector3<f32>> = (0..LOOKS).map(direction).collect();
+        let (points, normals) = (&voxels.cloud.points_mm, &voxels.cloud.normals);
+        let mut seen: Vec<Directions> = vec![0; points.len()];
+        for (chunk, some) in directions.chunks(AT_A_TIME).enumerate() {
+            let shown: Vec<Vec<bool>> = some
+                .par_iter()
+                .map(|look| Picture::new(points, voxels.edge_mm, look).seen(normals))
+                .collect();
+            seen.par_iter_mut().enumerate().for_each(|(i, seen)| {
+                for (k, shown) in (AT_A_TIME * chunk..).zip(&shown) {
+                    *seen |= Directions::from(shown[i]) << k;
+                }
+            });
+        }
+        Self { directions, seen }
+    }
+
+    /// Those over a plane that faces `up`.
+    pub(super) fn half(&self, up: &Vector3<f32>) -> Directions {
+        let over = self.directions.iter().map(|d| Directions::from(d.dot(up) > LEAST_HEIGHT));
+        over.enumerate().map(|(k, over)| over << k).sum()
+    }
+
+    /// Share of the voxels that some of these directions see.
+    pub(super) fn share(&self, from: Directions) -> f32 {
+        self.seen.iter().filter(|seen| **seen & from != 0).count() as f32 / self.seen.len().max(1) as f32
+    }
+
+    /// From how many of `places`, each of `weight` voxels, nothing hides each of these directions; less what all of them see.
+    pub(super) fn bare(
+        &self,
+        voxels: &Voxels,
+        places: &[Point3<f32>],
+        weight: i64,
+        from: Directions,
+    ) -> [i64; LOOKS] {
+        let count = |k: usize| {
+            let picture = Picture::new(&voxels.cloud.points_mm, voxels.edge_mm, &self.directions[k]);
+            (k, weight * places.iter().filter(|place| picture.is_bare(place)).count() as i64)
+        };
+        let counts: Vec<(usize, i64)> = bits(from).collect::<Vec<_>>().into_par_iter().map(count).collect();
+        let least = counts.iter().map(|(_, count)| *count).min().unwrap_or(0);
+        let mut bare = [0; LOOKS];
+        counts.into_iter().for_each(|(k, count)| bare[k] = count - least);
+        bare
+    }
+
+    /// Those of these directions that are at one on the side of what they see; `bare` is what each would have seen besides.
+    ///
+    /// A wall of which one side was scanned is seen from behind as well. But from there one sees the place where the wall hid
+    /// the table from the camera, and what lies before the wall is hidden. So the look that shows most comes first, then
+    /// always the one that adds most that is new, less what it sees from the other side than is settled.
+    pub(super) fn at_one(&self, voxels: &Voxels, from: Directions, bare: [i64; LOOKS]) -> Directions {
+        let normals = &voxels.cloud.normals;
+        let mut settled = rough(voxels);
+        let (mut new, mut against) = ([0i64; LOOKS], [0i64; LOOKS]);
+        let judged = self.seen.iter().zip(&settled).filter(|(_, settled)| !**settled);
+        judged.flat_map(|(seen, _)| bits(seen & from)).for_each(|k| new[k] += 1);
+        let all = new;
+        let behind = |n: &Vector3<f32>, k: usize| n.dot(&self.directions[k]) < 0.0;
+        loop {
+            let adds = bits(from).filter(|k| new[*k] > against[*k]);
+            let Some(best) = adds.max_by_key(|k| (new[*k] - against[*k] - bare[*k], Reverse(*k))) else {
+                break;
+            };
+            for (i, n) in normals.iter().enumerate() {
+                if self.seen[i] >> best & 1 == 0 || std::mem::replace(&mut settled[i], true) {
+                    continue;
+                }
+                for k in bits(self.seen[i] & from) {
+                    new[k] -= 1;
+                    against[k] += i64::from(behind(n, k) != behind(n, best));
+                }
+            }
+        }
+        let at_one = |k: &usize| against[*k] as f32 <= MOST_AGAINST * all[*k] as f32;
+        bits(from).filter(at_one).map(|k| 1 << k).sum()
+    }
+
+    /// How many of these directions see each voxel from the side of its normal, and from the other.
+    pub(super) fn counts(&self, normals: &[Vector3<f32>], from: Directions) -> Vec<[u16; 2]> {
+        let count = |(seen, normal): (&Directions, &Vector3<f32>)| {
+            let mut sides = [0; 2];
+            bits(seen & from).for_each(|k| sides[usize::from(normal.dot(&self.directions[k]) < 0.0)] += 1);
+            sides
+        };
+        self.seen.par_iter().zip(normals).map(count).collect()
+    }
+}
+
+/// Which voxels have normals that say nothing of their side: those of their neighbours turn another way.
+fn rough(voxels: &Voxels) -> Vec<bool> {
+    let (points, normals) = (&voxels.cloud.points_mm, &voxels.cloud.normals);
+    let reach_mm = STEADY_VOXELS * voxels.edge_mm;
+    let grid = Grid::new(points, reach_mm);
+    let is_rough = |i: usize| {
+        let (mut alike, mut count) = (0.0, 0.0);
+        grid.within(&points[i], reach_mm, |slot, _| {
+            alike += normals[i].dot(&normals[grid.index(slot)]).abs();
+            count += 1.0;
+        });
+        alike < STEADY_COSINE * count
+    };
+    (0..points.len()).into_par_iter().map(is_rough).collect()
+}
+
+/// Neighbours within so many voxels, and how alike theirs must be to a normal, as a mean cosine: 26 degrees.
+const STEADY_VOXELS: f32 = 1.8;
+const STEADY_COSINE: f32 = 0.9;
+
+/// What a look from far away shows of points.
+struct Picture<'a> {
+    points: &'a [Point3<f32>],
+    look: Vector3<f32>,
+    edge_mm: f32,
+    /// To the right and up in it, each with where it begins, mm, and how many pixels it has.
+    axes: [(Vector3<f32>, f32, usize); 2],
+    /// Of each pixel the nearest that is seen in it, mm along the look.
+    nearest_mm: Vec<f32>,
+}
+
+impl<'a> Picture<'a> {
+    fn new(points: &'a [Point3<f32>], edge_mm: f32, look: &Vector3<f32>) -> Self {
+        let mut aside = Vector3::zeros();
+        aside[look.iamin()] = 1.0;
+        let right = look.cross(&aside).normalize();
+        let axes = [right, look.cross(&right)].map(|axis| {
+            let [low, high] = middle_span(points, &axis);
+            (axis, low, ((high - low) / (PIXEL_VOXELS * edge_mm) + 1.0).min(MOST_PIXELS) as usize + 1)
+        });
+        let nearest_mm = vec![f32::MIN; axes[0].2 * axes[1].2];
+        let mut picture = Self { points, look: *look, edge_mm, axes, nearest_mm };
+        for p in points {
+            if let Some(pixel) = picture.pixel(p) {
+                let nearest_mm = &mut picture.nearest_mm[pixel];
+                *nearest_mm = nearest_mm.max(p.coords.dot(look));
+            }
+        }
+        picture
+    }
+
+    fn pixel(&self, p: &Point3<f32>) -> Option<usize> {
+        let [x, y] = self.axes.map(|(axis, low, size)| {
+            let at = (p.coords.dot(&axis) - low) / (PIXEL_VOXELS * self.edge_mm);
+            (at >= 0.0 && at < size as f32).then_some(at as usize)
+        });
+        Some(y? * self.axes[0].2 + x?)
+    }
+
+    /// Which of the points it shows, of surfaces with these normals.
+    fn seen(&self, normals: &[Vector3<f32>]) -> Vec<bool> {
+        let sees = |(p, n): (&Point3<f32>, &Vector3<f32>)| {
+            let Some(pixel) = self.pixel(p) else { return false };
+            let cosine = n.dot(&self.look).abs();
+            let slope = (1.0 - cosine * cosine).max(0.0).sqrt() / cosine.max(LEAST_COSINE);
+            let within_mm = (DEPTH_VOXELS + PIXEL_VOXELS * slope) * self.edge_mm;
+            cosine > LEAST_COSINE && self.nearest_mm[pixel] - p.coords.dot(&self.look) < within_mm
+        };
+        self.points.iter().zip(normals).map(sees).collect()
+    }
+
+    /// Whether nothing was scanned before this place.
+    fn is_bare(&self, place: &Point3<f32>) -> bool {
+        self.pixel(place).is_some_and(|pixel| self.nearest_mm[pixel] < place.coords.dot(&self.look))
+    }
+}
+
+/// From where to where all but one in 500 of the points reach along an axis, and a little more.
+fn middle_span(points: &[Point3<f32>], axis: &Vector3<f32>) -> [f32; 2] {
+    let step = (points.len() / 20_000).max(1);
+    let mut along: Vec<f32> = points.iter().step_by(step).map(|p| p.coords.dot(axis)).collect();
+    along.sort_unstable_by(f32::total_cmp);
+    let cut = along.len() / 500;
+    let (low, high) = (along[cut], along[along.len() - 1 - cut]);
+    let margin = 0.05 * (high - low) + 1.0;
+    [low - margin, high + margin]
+}
