@@ -492,3 +492,57 @@ fn a_seam_is_asked_for_by_clicks_and_the_page_says_what_is_there() {
     page.browser.press("Escape", false);
     page.settle("document.querySelectorAll('.mark-place').length === 0");
 }
+
+#[test]
+fn a_seam_is_drawn_on_the_plate_and_the_command_makes_the_same_of_it() {
+    let Some(chromium) = browser::chromium() else { return };
+    let mut page = Page::open(&chromium, "scan");
+    let seams = page.order().len();
+    page.browser.evaluate("document.getElementById('draw').click()");
+    page.settle("document.getElementById('draw').getAttribute('aria-pressed') === 'true'");
+    // Amid the pocket beside the first seam, where nothing is to be found.
+    let places = page.browser.evaluate(
+        "(() => {
+           const { scene, content } = weldpath;
+           document.getElementById('canvas').scrollIntoView({ block: 'center' });
+           scene.look('top');
+           scene.camera.updateMatrixWorld();
+           const Vector = scene.camera.position.constructor;
+           const box = document.getElementById('canvas').getBoundingClientRect();
+           const seam = content.seams[0];
+           const [first, last] = [seam.line_mm[0], seam.line_mm[seam.line_mm.length - 1]].map((p) => new Vector(...p));
+           const middle = first.clone().lerp(last, 0.5);
+           const out = scene.anchor({ ...content.summary.seams[0], ...seam }).sub(middle).setZ(0).setLength(35);
+           return [0.3, 0.5, 0.7].map((share) => {
+             const { x, y } = scene.project(first.clone().lerp(last, share).add(out));
+             return [box.left + x, box.top + y];
+           });
+         })()",
+    );
+    for k in 0..3 {
+        let [x, y] = [0, 1].map(|axis| places[k][axis].as_f64().unwrap());
+        page.browser.click(x, y);
+        page.settle(&format!("document.querySelectorAll('.mark-place').length === {}", k + 1));
+    }
+    page.browser.press("Enter", false);
+    page.settle("document.getElementById('undo').title.includes('draw a seam')");
+    page.plan();
+    assert_eq!(page.order().len(), seams + 1, "{}", page.text("#verdict"));
+    page.picture("drawn");
+    let verdict = page.text("#verdict");
+    assert!(verdict.contains("is drawn by hand"), "{verdict}");
+    let confirmed = "document.querySelector('#verdict [data-reason=\"drawn\"]')";
+    assert_eq!(page.browser.evaluate(confirmed), Value::Null, "nobody confirms it beforehand");
+    page.set("path.feed_mm_s", "4");
+    page.settle("document.getElementById('undo').title.includes('path.feed_mm_s')");
+    page.browser.press("j", false);
+    page.browser.evaluate("document.querySelector('#settings [data-key=\"formats.kuka\"]').click()");
+    page.settle("document.querySelector('#undo').title.includes('formats')");
+    page.plan();
+    the_command_writes_the_same(&page);
+    page.browser.evaluate("document.querySelector('[data-undraw=\"0\"]').click()");
+    page.settle("!document.querySelector('[data-undraw]')");
+    page.plan();
+    assert_eq!(page.order().len(), seams);
+    assert!(page.browser.console().is_empty(), "{:?}", page.browser.console());
+}
