@@ -66,6 +66,8 @@ pub struct Config {
     pub seam: SeamConfig,
     /// Seams that a person asks for, each by places near it in their order, mm.
     pub asked: Vec<Vec<Point3<f64>>>,
+    /// Lines that a person draws on the surface, each by its places in their order, mm.
+    pub drawn: Vec<Vec<Point3<f64>>>,
     /// Places whose seams are kept from the search, mm: to measure what asking for them finds.
     pub kept_back: Vec<Point3<f64>>,
 }
@@ -82,6 +84,7 @@ impl Default for Config {
             exclusion: Exclusion::default(),
             seam: SeamConfig::default(),
             asked: Vec::new(),
+            drawn: Vec::new(),
             kept_back: Vec::new(),
         }
     }
@@ -119,6 +122,8 @@ pub struct Plan {
     pub orientation_assumed: bool,
     /// Of the seams that were asked for, those that are not there, and why.
     pub unmet: Vec<String>,
+    /// Of the lines that were drawn, those that the scan does not bear, and why.
+    pub undrawn: Vec<String>,
     /// What the user should know.
     pub warnings: Vec<String>,
 }
@@ -232,16 +237,15 @@ pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Re
     let search = ScaleSearch { views, merged, excluded, raw: &raw, registration: &registration, config };
     let (mut result, ground) = tacks::sought_without(&search, &first, &mut clock, observer)?;
     let search = ground.as_ref().map_or(search, |ground| ground.in_place_of(&search));
-    let unmet = clock.time("seam", || search.ask(&mut result));
+    let (unmet, undrawn) = clock.time("seam", || (search.ask(&mut result), search.draw(&mut result)));
     let ScaleResult { scale, model, mut found, .. } = result;
     let (merged, raw) = (search.merged, search.raw);
     scene.trim(&mut found, views);
     scene.show(&model, raw, &found, observer);
     if found.seams.is_empty() {
-        return Err(no_seam(scene.reason([vec![found.reason], unmet].concat().join("; "))));
+        return Err(no_seam(scene.reason([vec![found.reason], unmet, undrawn].concat().join("; "))));
     }
-    let along = || found.seams.iter().map(SeamPath::along).collect();
-    let paths = clock.stage("toolpath", observer, along);
+    let paths = clock.stage("toolpath", observer, || found.seams.iter().map(SeamPath::along).collect());
     let gaps = || coverage::gaps(&found.seams, merged, raw, search.cameras_known());
     let coverage = clock.time("coverage", gaps);
     let tacks = ground.map_or_else(Vec::new, |ground| ground.on(&found.seams));
@@ -267,6 +271,7 @@ pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Re
         stage_s,
         orientation_assumed: found.orientation_assumed,
         unmet,
+        undrawn,
         warnings,
     })
 }

@@ -68,6 +68,7 @@ pub fn without_seams(recording: &Recording, job: &Job, reason: &str) -> Vec<File
         stage_s: Vec::new(),
         orientation_assumed: false,
         unmet: Vec::new(),
+        undrawn: Vec::new(),
         warnings: Vec::new(),
         coverage: Vec::new(),
         tacks: Vec::new(),

@@ -9,6 +9,7 @@
 //! | [`measure`] | kind of joint, fit-up, and how well the seam was seen | ours |
 //! | [`extraction`] | the rooms in a row: seams of a cloud | II-E, and beyond it |
 //! | [`asked`] | a seam that the search passed over, where a person clicked | ours |
+//! | [`drawn`] | a line that a person draws on the surface | ours |
 //! | [`facets`] | seams of a mesh, from its facets | ours |
 //!
 //! Of the paper's edge score the default takes the intensity, eqs. (11) and (12), with a gate of its own; the ratio test,
@@ -16,6 +17,7 @@
 
 pub mod asked;
 mod description;
+pub mod drawn;
 mod error;
 pub mod extraction;
 pub mod facets;
@@ -112,6 +114,8 @@ pub struct Seam {
     pub base_error_deg: f64,
     /// Whether it may be where the work is held, or of what holds it, and not to be welded.
     pub contact: bool,
+    /// Whether a person drew it, and nothing that was found bears it out.
+    pub drawn: bool,
     /// What was measured of the joint.
     pub dimensions: Vec<Dimension>,
     /// What the user should know about this seam.

@@ -74,6 +74,7 @@ fn of_paths(paths: Vec<SeamPath>) -> Plan {
         stage_s: vec![("normals".into(), 0.25), ("seam".into(), 1.5)],
         orientation_assumed: false,
         unmet: Vec::new(),
+        undrawn: Vec::new(),
         warnings: vec!["view 2 sees little".into()],
     }
 }
@@ -135,6 +136,7 @@ fn seam(path: &SeamPath) -> Seam {
         base_error_mm: 0.3,
         base_error_deg: 0.5,
         contact: false,
+        drawn: false,
         dimensions: vec![],
         warnings: vec![],
     }

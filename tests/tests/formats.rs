@@ -128,6 +128,7 @@ fn the_committed_schema_is_that_of_the_job_and_has_every_documented_key_and_no_o
         "seam",
         "touch",
         "ask",
+        "draw",
         "program",
         "robot",
         "opw",

@@ -5,8 +5,9 @@ use std::time::Instant;
 
 use serde_json::Value;
 use weldpath::report;
-use weldpath_tests::browser::{self, Browser};
-use weldpath_tests::command::{Running, ends_well, weldpath};
+use weldpath_tests::browser;
+use weldpath_tests::command::{ends_well, weldpath};
+use weldpath_tests::page::{Page, apart_mm, ends};
 
 fn web() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().join("host/src/report/web")
@@ -40,143 +41,6 @@ fn the_page_that_edits_is_the_report_with_a_script_behind_it() {
         !waiting.contains("{{")
             && waiting.contains("nonce=\"nonce\" data-plan=\"0\" data-cloud=\"0\" id=\"editor\"")
     );
-}
-
-/// A cross of plates, planned in a page.
-struct Page {
-    _running: Running,
-    home: tempfile::TempDir,
-    browser: Browser,
-}
-
-const READY: &str = "document.querySelector('#settings details') && document.getElementById('cancel').hidden";
-
-impl Page {
-    fn open(chromium: &Path, input: &str) -> Self {
-        let home = tempfile::tempdir().unwrap();
-        let scan = ["simulate", "--part", "cruciform", "--size", "320x240", "--quiet", "--out", input];
-        ends_well(weldpath().args(scan).current_dir(home.path()));
-        let mut page = Self::visit(chromium, home, &[input]);
-        page.wait_for_plan(0);
-        page
-    }
-
-    fn visit(chromium: &Path, home: tempfile::TempDir, inputs: &[&str]) -> Self {
-        let mut running =
-            Running::start(weldpath().args(["open", "--no-browser"]).args(inputs).current_dir(home.path()));
-        let address = running.wait_for(&["http://127.0.0.1:"]);
-        let browser = Browser::visit(chromium, &address);
-        Self { _running: running, home, browser }
-    }
-
-    /// Waits until a later plan than this one is shown, and nothing is edited that is not in it.
-    fn wait_for_plan(&mut self, before: u64) {
-        let shown = format!("Number(document.getElementById('editor').dataset.plan) > {before}");
-        let planned = "document.getElementById('said').textContent.startsWith('Planned')";
-        self.browser.wait_for(&format!("{shown} && {planned} && {READY}"));
-    }
-
-    /// Number of the plan that is shown.
-    fn shown(&mut self) -> u64 {
-        let number = self.browser.evaluate("Number(document.getElementById('editor').dataset.plan)");
-        number.as_u64().unwrap()
-    }
-
-    /// Plans by key, and waits for it.
-    fn plan(&mut self) {
-        let before = self.shown();
-        self.browser.press("p", false);
-        self.wait_for_plan(before);
-    }
-
-    /// Waits until what was done is told.
-    fn settle(&mut self, expression: &str) {
-        self.browser.wait_for(expression);
-    }
-
-    fn text(&mut self, selector: &str) -> String {
-        let text = self.browser.evaluate(&format!("document.querySelector({selector:?}).textContent"));
-        text.as_str().unwrap().to_owned()
-    }
-
-    /// Sets a field as one types or chooses in it.
-    fn set(&mut self, key: &str, value: &str) {
-        self.browser.evaluate(&format!(
-            "(() => {{ const field = document.querySelector('#settings [data-key={key:?}]');
-               field.value = {value:?}; field.dispatchEvent(new Event('change')); }})()"
-        ));
-    }
-
-    /// Drags the end of a straight seam that is selected so far inwards along it, with the mouse.
-    fn drag_the_end(&mut self, seam: u64, inwards_mm: f64) {
-        self.browser.evaluate("document.getElementById('canvas').scrollIntoView({ block: 'center' })");
-        let places = self.browser.evaluate(&format!(
-            "(() => {{
-               const {{ scene, content }} = weldpath;
-               const Vector = scene.camera.position.constructor;
-               const line = content.seams.find((one) => one.id === {seam}).line_mm.map((p) => new Vector(...p));
-               const canvas = document.getElementById('canvas').getBoundingClientRect();
-               const handle = document.querySelector('[data-end=\"extend_end_mm\"]').getBoundingClientRect();
-               const at = [handle.left + handle.width / 2, handle.top + handle.height / 2];
-               const px = (p) => {{ const q = scene.project(p); return [canvas.left + q.x, canvas.top + q.y]; }};
-               const away = (p) => Math.hypot(px(p)[0] - at[0], px(p)[1] - at[1]);
-               const ends = [line[0], line[line.length - 1]].sort((a, b) => away(a) - away(b));
-               const to = ends[1].clone().sub(ends[0]).setLength({inwards_mm}).add(ends[0]);
-               return [...at, ...px(to)];
-             }})()"
-        ));
-        let [from, to] = [0, 2].map(|k| [k, k + 1].map(|k| places[k].as_f64().unwrap()));
-        self.browser.drag(from, to);
-    }
-
-    fn picture(&mut self, name: &str) {
-        let file = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("open-{name}.png"));
-        std::fs::write(file, self.browser.screenshot()).unwrap();
-    }
-
-    /// Where the plate beside a place of the first seam is in the window, seen from above, with what the page shows by now.
-    fn beside_the_first_seam(&mut self, share: f64) -> [f64; 2] {
-        let place = self.browser.evaluate(&format!(
-            "(() => {{
-               const {{ scene, content }} = weldpath;
-               const Vector = scene.camera.position.constructor;
-               document.getElementById('canvas').scrollIntoView({{ block: 'center' }});
-               scene.look('top');
-               scene.camera.updateMatrixWorld();
-               const box = document.getElementById('canvas').getBoundingClientRect();
-               const seam = content.seams[0];
-               const line = seam.line_mm;
-               // On the plate beside it, where a person clicks: along the torch by so much.
-               const middle = new Vector(...line[line.length >> 1]);
-               const off = scene.anchor({{ ...content.summary.seams[0], ...seam }}).sub(middle).setLength(7);
-               const place = new Vector(...line[Math.floor(line.length * {share})]);
-               const {{ x, y }} = scene.project(place.add(off));
-               return [box.left + x, box.top + y];
-             }})()"
-        ));
-        [0, 1].map(|axis| place[axis].as_f64().unwrap())
-    }
-
-    fn order(&self) -> Vec<u64> {
-        let csv = std::fs::read_to_string(self.home.path().join("out/path.csv")).unwrap();
-        let seam = |line: &str| line.split(',').next().unwrap().parse().unwrap();
-        let mut order: Vec<u64> = csv.lines().skip(1).map(seam).collect();
-        order.dedup();
-        order
-    }
-}
-
-/// First and last welded point of a seam.
-fn ends(folder: &Path, seam: u64) -> [[f64; 3]; 2] {
-    let csv = std::fs::read_to_string(folder.join("path.csv")).unwrap();
-    let rows: Vec<Vec<f64>> =
-        csv.lines().skip(1).map(|line| line.split(',').map(|v| v.parse().unwrap()).collect()).collect();
-    let own: Vec<&Vec<f64>> = rows.iter().filter(|row| row[0] as u64 == seam).collect();
-    [own[0], own[own.len() - 1]].map(|row| [row[3], row[4], row[5]])
-}
-
-fn apart_mm(a: [f64; 3], b: [f64; 3]) -> f64 {
-    (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt()
 }
 
 #[test]
@@ -627,4 +491,58 @@ fn a_seam_is_asked_for_by_clicks_and_the_page_says_what_is_there() {
     page.settle("document.querySelectorAll('.mark-place').length === 1");
     page.browser.press("Escape", false);
     page.settle("document.querySelectorAll('.mark-place').length === 0");
+}
+
+#[test]
+fn a_seam_is_drawn_on_the_plate_and_the_command_makes_the_same_of_it() {
+    let Some(chromium) = browser::chromium() else { return };
+    let mut page = Page::open(&chromium, "scan");
+    let seams = page.order().len();
+    page.browser.evaluate("document.getElementById('draw').click()");
+    page.settle("document.getElementById('draw').getAttribute('aria-pressed') === 'true'");
+    // Amid the pocket beside the first seam, where nothing is to be found.
+    let places = page.browser.evaluate(
+        "(() => {
+           const { scene, content } = weldpath;
+           document.getElementById('canvas').scrollIntoView({ block: 'center' });
+           scene.look('top');
+           scene.camera.updateMatrixWorld();
+           const Vector = scene.camera.position.constructor;
+           const box = document.getElementById('canvas').getBoundingClientRect();
+           const seam = content.seams[0];
+           const [first, last] = [seam.line_mm[0], seam.line_mm[seam.line_mm.length - 1]].map((p) => new Vector(...p));
+           const middle = first.clone().lerp(last, 0.5);
+           const out = scene.anchor({ ...content.summary.seams[0], ...seam }).sub(middle).setZ(0).setLength(35);
+           return [0.3, 0.5, 0.7].map((share) => {
+             const { x, y } = scene.project(first.clone().lerp(last, share).add(out));
+             return [box.left + x, box.top + y];
+           });
+         })()",
+    );
+    for k in 0..3 {
+        let [x, y] = [0, 1].map(|axis| places[k][axis].as_f64().unwrap());
+        page.browser.click(x, y);
+        page.settle(&format!("document.querySelectorAll('.mark-place').length === {}", k + 1));
+    }
+    page.browser.press("Enter", false);
+    page.settle("document.getElementById('undo').title.includes('draw a seam')");
+    page.plan();
+    assert_eq!(page.order().len(), seams + 1, "{}", page.text("#verdict"));
+    page.picture("drawn");
+    let verdict = page.text("#verdict");
+    assert!(verdict.contains("is drawn by hand"), "{verdict}");
+    let confirmed = "document.querySelector('#verdict [data-reason=\"drawn\"]')";
+    assert_eq!(page.browser.evaluate(confirmed), Value::Null, "nobody confirms it beforehand");
+    page.set("path.feed_mm_s", "4");
+    page.settle("document.getElementById('undo').title.includes('path.feed_mm_s')");
+    page.browser.press("j", false);
+    page.browser.evaluate("document.querySelector('#settings [data-key=\"formats.kuka\"]').click()");
+    page.settle("document.querySelector('#undo').title.includes('formats')");
+    page.plan();
+    the_command_writes_the_same(&page);
+    page.browser.evaluate("document.querySelector('[data-undraw=\"0\"]').click()");
+    page.settle("!document.querySelector('[data-undraw]')");
+    page.plan();
+    assert_eq!(page.order().len(), seams);
+    assert!(page.browser.console().is_empty(), "{:?}", page.browser.console());
 }

@@ -9,7 +9,7 @@ use weldpath::pipeline;
 use weldpath::report;
 use weldpath::robot::dialect::Dialect;
 use weldpath::robot::dialect::moves::TooLong;
-use weldpath::run::job::ask::AskSettings;
+use weldpath::run::job::ask::{AskSettings, DrawSettings};
 use weldpath::run::job::calibration::CalibrationSettings;
 use weldpath::run::job::quantity::{
     self, ApproachMm, DepthScaleM, FeedMmS, Place, Points, RatioThreshold, Region, SpacingMm, StandoffMm,
@@ -116,6 +116,9 @@ pub(super) struct Args {
     /// given several times
     #[arg(long, value_name = "X,Y,Z;X,Y,Z", allow_hyphen_values = true)]
     ask: Vec<AskSettings>,
+    /// Weld this line on the surface though no seam is found there, through places on it, mm, base frame; may be given several times
+    #[arg(long, value_name = "X,Y,Z;X,Y,Z", allow_hyphen_values = true)]
+    draw: Vec<DrawSettings>,
     /// How seams are found; the paper's way is for comparison [default: weldpath]
     #[arg(long)]
     method: Option<MethodName>,
@@ -275,6 +278,9 @@ fn where_to_look(job: &mut Job, args: &Args) -> Result<(), Failure> {
     if !args.ask.is_empty() {
         job.asks.clone_from(&args.ask);
     }
+    if !args.draw.is_empty() {
+        job.draws.clone_from(&args.draw);
+    }
     if !args.exclude.is_empty() {
         job.exclude.boxes_mm.clone_from(&args.exclude);
     }
@@ -302,6 +308,17 @@ fn exclusive(job: &Job) -> Result<(), Failure> {
             "the paper's method fits no faces, and can look for no seam that is asked for",
         );
         return Err(failure.hint("leave --method paper out, or --ask and [[ask]]"));
+    }
+    if !job.draws.is_empty() && job.method == MethodName::Paper {
+        let failure = Failure::new(
+            Exit::Usage,
+            "the paper's method fits no faces, and can lay no drawn line onto them",
+        );
+        return Err(failure.hint("leave --method paper out, or --draw and [[draw]]"));
+    }
+    if let Some(id) = job.accept.iter().find(|id| !id.may_be_accepted()) {
+        let failure = Failure::new(Exit::Usage, format!("{} cannot be accepted", id.name()));
+        return Err(failure.hint("a person looks at what is drawn each time: the verdict stays at check"));
     }
     if job.ratio_threshold.is_some() && job.method == MethodName::Weldpath {
         let failure = Failure::new(Exit::Usage, "--t is the threshold of the paper's method only");

@@ -157,6 +157,7 @@ mod tests {
             base_error_mm: 0.6,
             base_error_deg: 0.7,
             contact: false,
+            drawn: false,
             dimensions: vec![],
             warnings: vec!["the last 20 mm were seen by one view only".into()],
         };
@@ -184,6 +185,7 @@ mod tests {
             stage_s: vec![],
             orientation_assumed: false,
             unmet: Vec::new(),
+            undrawn: Vec::new(),
             warnings: vec!["view 3 overlaps too little".into()],
         }
     }

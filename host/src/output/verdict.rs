@@ -60,6 +60,13 @@ macro_rules! reasons {
     };
 }
 
+impl ReasonId {
+    /// Whether a job may accept it: what a person drew, a person looks at each time.
+    pub const fn may_be_accepted(self) -> bool {
+        !matches!(self, Self::Drawn)
+    }
+}
+
 reasons! {
     /// Fewer than two views agree.
     ViewsDisagree => "views-disagree", Refused;
@@ -99,6 +106,10 @@ reasons! {
     ToolNotStated => "tool-not-stated", Check;
     /// A seam that was asked for is not there.
     AskedNotThere => "asked-not-there", Check;
+    /// A line that was drawn is not borne by the scan.
+    DrawnNotThere => "drawn-not-there", Check;
+    /// A seam that a person drew: nothing measured says that there is one.
+    Drawn => "drawn", Check;
     /// A seam whose error is over the limit; it is not welded.
     SeamUncertain => "seam-uncertain", Check;
     /// A seam that may be where the work is held; it is not welded.
@@ -178,8 +189,10 @@ pub struct Verdict {
 impl Verdict {
     /// From what stands against a plan, and what of it the job accepts.
     pub fn new(found: impl IntoIterator<Item = Finding>, accepted: &[ReasonId]) -> Self {
-        let reason =
-            |Finding { id, words, seam }| Reason { id, words, seam, accepted: accepted.contains(&id) };
+        let reason = |Finding { id, words, seam }| {
+            let accepted = id.may_be_accepted() && accepted.contains(&id);
+            Reason { id, words, seam, accepted }
+        };
         let mut reasons: Vec<Reason> = found.into_iter().map(reason).collect();
         reasons.sort_by_key(|reason| (reason.accepted, std::cmp::Reverse(reason.id.state())));
         let open = reasons.iter().filter(|reason| !reason.accepted);
@@ -221,6 +234,11 @@ mod tests {
         assert_eq!(verdict(&ids, &[ReasonId::ToolNotStated]).state, State::Refused);
         assert_eq!(verdict(&ids, &ids).state, State::Ready);
         assert!(verdict(&ids, &ids).lines()[1].contains("(accepted)"));
+    }
+
+    #[test]
+    fn what_is_drawn_is_never_ready() {
+        assert_eq!(verdict(&[ReasonId::Drawn], &[ReasonId::Drawn]).state, State::Check);
     }
 
     #[test]

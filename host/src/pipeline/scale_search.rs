@@ -10,6 +10,7 @@ use crate::model::downsampling::{Scale, Voxels};
 use crate::model::orientation::{self, Orientation};
 use crate::model::reconstruction::Registration;
 use crate::seam::asked::{self, Answer};
+use crate::seam::drawn;
 use crate::seam::score::{edges, paper};
 use crate::seam::trace::support;
 use crate::seam::{Cues, Found, INDEX_VOXELS, Input, RawScan, Seam, SurfaceModel, extraction};
@@ -141,21 +142,39 @@ impl ScaleSearch<'_> {
         result.found.seams.retain(is_kept);
         let mut unmet = Vec::new();
         for places_mm in &self.config.asked {
-            let scan = RawScan { table_shown: result.model.table_shown, ..self.raw_scan() };
-            let (model, scene) = (result.model.surface(), result.model.scene().0);
-            let input = Input { scan, model, scene, cues: result.cues };
-            let mut answer = asked::find(&input, places_mm, &result.found.seams, &self.config.seam);
-            if let (Answer::Found(seam), Some(oriented)) = (&mut answer, &result.model.oriented) {
-                let mut one = Found { seams: vec![(**seam).clone()], ..Found::default() };
-                one.only_oriented(oriented, &result.model.surface());
-                match one.seams.pop() {
-                    Some(sided) => **seam = sided,
-                    None => answer = Answer::Nothing(one.reason),
+            let input = self.input(result);
+            let answer = match asked::find(&input, places_mm, &result.found.seams, &self.config.seam) {
+                Answer::Found(seam) => {
+                    result.sided(*seam).map_or_else(Answer::Nothing, |seam| Answer::Found(seam.into()))
                 }
-            }
+                answer => answer,
+            };
             unmet.extend(result.take(places_mm, answer));
         }
         unmet
+    }
+
+    /// Puts the lines that were drawn behind all seams that were found. Says of those that the scan does not bear why.
+    pub(super) fn draw(&self, result: &mut ScaleResult) -> Vec<String> {
+        let mut undrawn = Vec::new();
+        for places_mm in &self.config.drawn {
+            let drawn = drawn::draw(&self.input(result), places_mm, &result.found.seams);
+            match drawn.and_then(|seam| result.sided(seam)) {
+                Ok(seam) => {
+                    let reason = format!("{}, between {}", seam.reason, ends(places_mm));
+                    result.push(Seam { reason, ..seam });
+                }
+                Err(why) => undrawn.push(format!("no seam is drawn between {}: {why}", ends(places_mm))),
+            }
+        }
+        undrawn
+    }
+
+    /// What seams of one size of voxels are sought in.
+    fn input<'b>(&'b self, result: &'b ScaleResult) -> Input<'b> {
+        let scan = RawScan { table_shown: result.model.table_shown, ..self.raw_scan() };
+        let (model, scene) = (result.model.surface(), result.model.scene().0);
+        Input { scan, model, scene, cues: result.cues }
     }
 
     /// Seams in voxels of one size.
@@ -257,14 +276,11 @@ impl ScaleSearch<'_> {
 impl ScaleResult {
     /// Takes what became of a wish for a seam; the words if it is not met.
     fn take(&mut self, places_mm: &[Point3<f64>], answer: Answer) -> Option<String> {
-        let place = |p: &Point3<f64>| format!("{:.0},{:.0},{:.0}", p.x, p.y, p.z);
-        let ends =
-            [places_mm.first(), places_mm.last()].map(|p| p.map(place).unwrap_or_default()).join(" and ");
+        let ends = ends(places_mm);
         match answer {
             Answer::Found(seam) => {
-                let id = self.found.seams.iter().map(|seam| seam.id).max().unwrap_or(0) + 1;
                 let reason = format!("{}; asked for between {ends}", seam.reason);
-                self.found.seams.push(Seam { id, reason, ..*seam });
+                self.push(Seam { reason, ..*seam });
                 None
             }
             Answer::Known(id) => {
@@ -280,6 +296,23 @@ impl ScaleResult {
         }
     }
 
+    /// Puts a seam behind all others, with a number of its own.
+    fn push(&mut self, seam: Seam) {
+        let id = self.found.seams.iter().map(|seam| seam.id).max().unwrap_or(0) + 1;
+        self.found.seams.push(Seam { id, ..seam });
+    }
+
+    /// A seam, if it is known on which side of its faces the air is; as sure as that is.
+    ///
+    /// # Errors
+    /// In words, if it is not.
+    fn sided(&self, seam: Seam) -> Result<Seam, String> {
+        let Some(oriented) = &self.model.oriented else { return Ok(seam) };
+        let mut one = Found { seams: vec![seam], ..Found::default() };
+        one.only_oriented(oriented, &self.model.surface());
+        one.seams.pop().ok_or(one.reason)
+    }
+
     /// Of all its seams, mm.
     fn length_mm(&self) -> f64 {
         self.found.seams.iter().map(Seam::length_mm).sum()
@@ -290,6 +323,12 @@ impl ScaleResult {
         let longest_mm = self.found.seams.iter().map(Seam::length_mm).fold(0.0, f64::max);
         longest_mm < WEAK_VOXELS * f64::from(self.scale.edge_mm)
     }
+}
+
+/// Both ends of a line, in words.
+fn ends(places_mm: &[Point3<f64>]) -> String {
+    let place = |p: &Point3<f64>| format!("{:.0},{:.0},{:.0}", p.x, p.y, p.z);
+    [places_mm.first(), places_mm.last()].map(|p| p.map(place).unwrap_or_default()).join(" and ")
 }
 
 /// The larger voxels that are tried until seams show: blurred or quantised clouds show theirs only in these.

@@ -31,7 +31,7 @@ use crate::robot::feasibility::{self, FeasibilitySetup, PlacedArm};
 use crate::robot::tool::Tool;
 use crate::seam::Joint;
 use crate::weld::recipe::Recipe;
-use ask::AskSettings;
+use ask::{AskSettings, DrawSettings};
 use calibration::CalibrationSettings;
 use exclude::ExcludeSettings;
 pub use layer::{
@@ -101,6 +101,9 @@ pub struct Job {
     /// Seams that the search passed over.
     #[serde(rename = "ask", skip_serializing_if = "Vec::is_empty")]
     pub asks: Vec<AskSettings>,
+    /// Lines that are drawn on the surface, where no seam can be found.
+    #[serde(rename = "draw", skip_serializing_if = "Vec::is_empty")]
+    pub draws: Vec<DrawSettings>,
     /// Which of the seams are welded.
     pub selection: Selection,
     /// In which order the seams are welded.
@@ -334,7 +337,16 @@ impl Job {
         let calibration = self.scan.calibration.as_ref().map(CalibrationSettings::calibration);
         let exclusion = self.exclude.exclusion();
         let asked = self.asks.iter().map(AskSettings::places_mm).collect();
-        pipeline::Config { method, anchor, calibration, exclusion, asked, ..pipeline::Config::default() }
+        let drawn = self.draws.iter().map(DrawSettings::places_mm).collect();
+        pipeline::Config {
+            method,
+            anchor,
+            calibration,
+            exclusion,
+            asked,
+            drawn,
+            ..pipeline::Config::default()
+        }
     }
 
     /// What the feasibility check needs; none if neither a robot nor a torch is given.

@@ -115,6 +115,7 @@ pub fn of_plan(plan: &Plan, job: &Job) -> Vec<Finding> {
     let mut found = of_views(&plan.views, plan.hand_eye.as_ref());
     found.extend(of_seams(plan));
     found.extend(plan.unmet.iter().map(|words| Finding::new(ReasonId::AskedNotThere, words.clone())));
+    found.extend(plan.undrawn.iter().map(|words| Finding::new(ReasonId::DrawnNotThere, words.clone())));
     if plan.orientation_assumed {
         let words = "the cloud looks alike from over and from below, and is taken as seen from above (+z): see that the torch is on \
                      the side of the air, or give --camera x,y,z, views with poses, or a cloud with normals";
@@ -232,6 +233,11 @@ fn of_seams(plan: &Plan) -> Vec<Finding> {
         Finding::of_seam(ReasonId::MayBeContact, seam.id, words)
     };
     found.extend(plan.seams.iter().filter(|seam| seam.contact).map(contact));
+    let drawn = |seam: &Seam| {
+        let words = "it is drawn by hand: nothing that was measured says that there is a seam. See that the line is where it is meant";
+        Finding::of_seam(ReasonId::Drawn, seam.id, words)
+    };
+    found.extend(plan.seams.iter().filter(|seam| seam.drawn).map(drawn));
     found.extend(beyond_scan(plan));
     found
 }

@@ -64,6 +64,7 @@ pub(super) fn described(
         base_error_mm: expected.base_mm,
         base_error_deg: expected.base_rad.to_degrees(),
         contact: false,
+        drawn: false,
         dimensions,
         warnings: warnings(scan, seam, expected),
     }
@@ -76,7 +77,8 @@ fn confidence(chain: &Chain, seam: &Refined) -> f64 {
     (measured * density.min(1.0) * f64::from(chain.share / FULL_SHARE).min(1.0)).clamp(0.0, 1.0)
 }
 
-fn warnings(scan: &RawScan, seam: &Refined, expected: &Expected) -> Vec<String> {
+/// What is said of it.
+pub(super) fn warnings(scan: &RawScan, seam: &Refined, expected: &Expected) -> Vec<String> {
     let mut warnings = Vec::new();
     if expected.registration_mm > LOOSE_NOISES * seam.sigma_mm {
         let views: Vec<&str> =

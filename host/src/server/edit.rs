@@ -11,7 +11,7 @@ use serde_json::Value;
 
 use crate::output::verdict::ReasonId;
 use crate::pipeline::Plan;
-use crate::run::job::ask::AskSettings;
+use crate::run::job::ask::{AskSettings, DrawSettings};
 use crate::run::job::exclude::{ExcludeSettings, HalfSpaceSettings};
 use crate::run::job::quantity::{Place, Region, WithinMm};
 use crate::run::job::{Job, SeamSettings, Selection, Sequence};
@@ -58,6 +58,10 @@ pub(super) enum Edit {
     Ask(AskSettings),
     /// One of the asked seams is asked for no longer, by its place in the job's list.
     Unask { at: usize },
+    /// A line on the surface is drawn, which nothing has to bear out; it is laid onto the scan with the next plan.
+    Draw(DrawSettings),
+    /// One of the drawn lines is taken back, by its place in the job's list.
+    Undraw { at: usize },
     /// Something is no work, was named otherwise before, or is work again; it holds with the next plan.
     Exclude { was: Option<NoWork>, now: Option<NoWork> },
     /// Whether a reason of the verdict is confirmed.
@@ -83,6 +87,8 @@ impl Edit {
             Self::Order { .. } => "order of the seams".into(),
             Self::Ask(_) => "add a seam".into(),
             Self::Unask { at } => format!("no longer ask for seam {} of those that were added", at + 1),
+            Self::Draw(_) => "draw a seam".into(),
+            Self::Undraw { at } => format!("take back drawn seam {}", at + 1),
             Self::Exclude { was: None, .. } => "exclude a part of the scan".into(),
             Self::Exclude { now: None, .. } => "no longer exclude a part of the scan".into(),
             Self::Exclude { .. } => "what is excluded of the scan".into(),
@@ -97,7 +103,14 @@ impl Edit {
     /// In words, if it makes no job that could be planned.
     pub(super) fn on(&self, job: &Job, plan: Option<&Plan>) -> Result<Job, String> {
         match (self, plan) {
-            (Self::Ask(_) | Self::Unask { .. } | Self::Exclude { .. }, _) => self.on_search(job),
+            (
+                Self::Ask(_)
+                | Self::Unask { .. }
+                | Self::Draw(_)
+                | Self::Undraw { .. }
+                | Self::Exclude { .. },
+                _,
+            ) => self.on_search(job),
             (_, Some(plan)) => self.on_seams(job, plan),
             (_, None) => Err("nothing is planned yet that could be edited".into()),
         }
@@ -109,7 +122,10 @@ impl Edit {
         match self {
             Self::Ask(ask) => edited.asks.push(ask.clone()),
             Self::Unask { at } if *at < edited.asks.len() => drop(edited.asks.remove(*at)),
+            Self::Draw(draw) => edited.draws.push(draw.clone()),
+            Self::Undraw { at } if *at < edited.draws.len() => drop(edited.draws.remove(*at)),
             Self::Exclude { was, now } => exclude(&mut edited.exclude, *was, *now)?,
+            Self::Undraw { .. } => return Err("that seam is not drawn".into()),
             _ => return Err("that seam is not asked for".into()),
         }
         edited.check().map_err(|error| error.why())?;
@@ -134,7 +150,11 @@ impl Edit {
                 edited.accept.extend(on.then_some(*reason));
                 edited.accept.sort_unstable();
             }
-            Self::Ask(_) | Self::Unask { .. } | Self::Exclude { .. } => return self.on_search(job),
+            Self::Ask(_)
+            | Self::Unask { .. }
+            | Self::Draw(_)
+            | Self::Undraw { .. }
+            | Self::Exclude { .. } => return self.on_search(job),
         }
         if edited.order.sequence != Sequence::Listed {
             edited.seams.retain(says_something);

@@ -1,4 +1,4 @@
-//! `[[ask]]`: a seam that the search passed over.
+//! `[[ask]]`: a seam that the search passed over. `[[draw]]`: a line that is none until a person says so.
 
 use std::str::FromStr;
 
@@ -20,6 +20,22 @@ pub struct AskSettings {
     pub between_mm: Places,
 }
 
+/// `[[draw]]`: a line on the surface that is welded though no seam is found there: the last resort. A person looks at it each time.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct DrawSettings {
+    /// Places on the surface, in their order, mm, base frame: straight from each to the next, as the surface goes; a loop comes back to
+    /// the first.
+    pub through_mm: Places,
+}
+
+impl DrawSettings {
+    /// As the pipeline takes it.
+    pub fn places_mm(&self) -> Vec<Point3<f64>> {
+        self.through_mm.points_mm()
+    }
+}
+
 /// Two places or more.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(try_from = "Vec<Place>", into = "Vec<Place>")]
@@ -29,7 +45,13 @@ pub struct Places(Vec<Place>);
 impl AskSettings {
     /// As the pipeline takes it.
     pub fn places_mm(&self) -> Vec<Point3<f64>> {
-        self.between_mm.0.iter().map(|place| place.point_mm()).collect()
+        self.between_mm.points_mm()
+    }
+}
+
+impl Places {
+    fn points_mm(&self) -> Vec<Point3<f64>> {
+        self.0.iter().map(|place| place.point_mm()).collect()
     }
 }
 
@@ -39,7 +61,7 @@ impl TryFrom<Vec<Place>> for Places {
     fn try_from(places: Vec<Place>) -> Result<Self, String> {
         let least_two_differ = places.iter().any(|place| *place != places[0]);
         match places.len() {
-            0 | 1 => Err("a seam is asked for by two places or more".into()),
+            0 | 1 => Err("a seam has two places or more".into()),
             2..=MOST_PLACES if least_two_differ => Ok(Self(places)),
             2..=MOST_PLACES => Err("all places are the same: name both ends of the seam".into()),
             many => Err(format!("{many} places are too many: at most {MOST_PLACES}")),
@@ -53,15 +75,32 @@ impl From<Places> for Vec<Place> {
     }
 }
 
-impl FromStr for AskSettings {
+impl FromStr for Places {
     type Err = String;
 
     /// `x,y,z;x,y,z` or more.
     fn from_str(text: &str) -> Result<Self, String> {
         let places: Result<Vec<Place>, String> = text.split(';').map(|place| place.trim().parse()).collect();
         let hint = |why| format!("{why}; give two places or more in mm, as in 10,20,5;110,20,5");
-        let between_mm = places.and_then(Places::try_from).map_err(hint)?;
-        Ok(Self { between_mm })
+        places.and_then(Self::try_from).map_err(hint)
+    }
+}
+
+impl FromStr for AskSettings {
+    type Err = String;
+
+    /// `x,y,z;x,y,z` or more.
+    fn from_str(text: &str) -> Result<Self, String> {
+        text.parse().map(|between_mm| Self { between_mm })
+    }
+}
+
+impl FromStr for DrawSettings {
+    type Err = String;
+
+    /// `x,y,z;x,y,z` or more.
+    fn from_str(text: &str) -> Result<Self, String> {
+        text.parse().map(|through_mm| Self { through_mm })
     }
 }
 

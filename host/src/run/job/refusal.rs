@@ -61,22 +61,43 @@ impl Error {
 /// What to do about a calibration that is none.
 pub(super) const CALIBRATION_HINT: &str = "`weldpath calibrate` writes one; docs/formats.md lists its keys";
 
+/// The key that the method does not go with, why, and what to do.
+fn against_method(job: &Job) -> Option<(&'static str, &'static str, &'static str)> {
+    let by_paper = job.method == MethodName::Paper;
+    let faults = [
+        (
+            job.ratio_threshold.is_some() && !by_paper,
+            "ratio_threshold",
+            "only the paper's method has a ratio_threshold",
+            "add method = \"paper\", or leave the threshold to be found from the data",
+        ),
+        (
+            !job.asks.is_empty() && by_paper,
+            "[[ask]]",
+            "the paper's method fits no faces, and can look for no seam that is asked for",
+            "leave method = \"paper\" out, or [[ask]]",
+        ),
+        (
+            !job.draws.is_empty() && by_paper,
+            "[[draw]]",
+            "the paper's method fits no faces, and can lay no drawn line onto them",
+            "leave method = \"paper\" out, or [[draw]]",
+        ),
+    ];
+    faults.into_iter().find(|fault| fault.0).map(|(_, key, why, hint)| (key, why, hint))
+}
+
 /// What only the whole job can say.
 pub(super) fn check(job: &Job, text: &str, path: &Path) -> Result<(), Error> {
     let refuse = |line: usize, why: &str, hint: &str| {
         Err(Error::Line { path: path.into(), line, why: why.into(), hint: hint.into() })
     };
-    if job.ratio_threshold.is_some() && job.method == MethodName::Weldpath {
-        let hint = "add method = \"paper\", or leave the threshold to be found from the data";
-        return refuse(
-            line_of_key(text, "ratio_threshold"),
-            "only the paper's method has a ratio_threshold",
-            hint,
-        );
+    if let Some((key, why, hint)) = against_method(job) {
+        return refuse(line_of_key(text, key), why, hint);
     }
-    if !job.asks.is_empty() && job.method == MethodName::Paper {
-        let why = "the paper's method fits no faces, and can look for no seam that is asked for";
-        return refuse(line_of_key(text, "[[ask]]"), why, "leave method = \"paper\" out, or [[ask]]");
+    if let Some(id) = job.accept.iter().find(|id| !id.may_be_accepted()) {
+        let why = format!("`{}` cannot be accepted: a person looks at what is drawn each time", id.name());
+        return refuse(line_of_key(text, "accept"), &why, "leave it out; the verdict stays at check");
     }
     if let Some([a, b]) = layers(job).iter().flat_map(exclusive).next() {
         let why = format!("{a} and {b} exclude each other");

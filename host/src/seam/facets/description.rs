@@ -49,6 +49,7 @@ pub(super) fn seam(mesh: &Mesh, strand: &Strand, base_from_mesh: &Isometry3<f64>
         base_error_mm: f64::NAN,
         base_error_deg: f64::NAN,
         contact: false,
+        drawn: false,
         dimensions: dimensions(joint, &section, position_mm),
         warnings,
     }

@@ -363,6 +363,7 @@ mod tests {
             base_error_deg: f64::NAN,
             expected_error_deg: 0.1,
             contact: false,
+            drawn: false,
             dimensions: vec![],
             warnings: vec![],
         }

@@ -18,7 +18,7 @@ const FLOOR_RAD: f64 = 0.001;
 /// Expected errors are meant to be exceeded rarely, not half of the time.
 const CAUTION: f64 = 1.4;
 /// A median distance in two dimensions over its root mean square: `√ln 2`, the median of a Rayleigh distribution.
-const MEDIAN_OF_RMS: f64 = 0.83;
+pub const MEDIAN_OF_RMS: f64 = 0.83;
 /// Stations of a seam, evenly, whose variances are averaged.
 const STATIONS: usize = 20;
 /// Share of the largest contribution to a seam's variance from which on a view is named.

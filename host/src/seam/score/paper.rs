@@ -51,6 +51,7 @@ pub fn find(surface: &SurfaceModel, ratio_threshold: f64) -> Found {
         base_error_mm: f64::NAN,
         base_error_deg: f64::NAN,
         contact: false,
+        drawn: false,
         dimensions: vec![],
         warnings: vec!["the paper's method, for comparison only: do not weld this".into()],
     };

@@ -270,6 +270,6 @@ export function facts() {
     content.summary.notes.length ? el("ul", {}, content.summary.notes.map((note) => el("li", {}, note))) : null,
     thinned.length ? el("p", {}, `To keep this page small it shows ${thinned.join(" and ")}, evenly picked; the files beside it hold all.`) : null,
     deviation ? null : el("p", {}, "No truth was given. ", el("code", {}, "weldpath evaluate DIR --truth FILE --report"), " adds the deviation from it to this page.")));
-  parts.push(el("details", { class: "card", open: isOpen }, el("summary", {}, "Settings of this run (job.toml)"), el("pre", {}, content.job)));
+  parts.push(el("details", { class: "card", open: isOpen }, el("summary", {}, "Settings of this run (job.toml)"), el("pre", { tabindex: "0", "aria-label": "job.toml" }, content.job)));
   $("facts").replaceChildren(...parts);
 }

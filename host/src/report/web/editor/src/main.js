@@ -53,6 +53,10 @@ const KINDS = {
       return edge ? edit({ edit: "ask", between_mm: edge.map((mm) => mm.map((v) => Math.round(10 * v) / 10)) }) : WORDS.noEdge;
     },
   },
+  d: {
+    id: "draw", text: WORDS.draw, title: WORDS.drawHint, least: 2, words: WORDS.drawingSeam, said: WORDS.drawn,
+    done: (places) => edit({ edit: "draw", through_mm: places.map(({ mm }) => mm) }),
+  },
   b: { id: "box", text: WORDS.box, title: WORDS.boxHint, least: 2, words: WORDS.boxing, said: WORDS.boxed, changed: (places) => { sketchAround(places); inPicture.changed(); }, done: () => showGroup("regions") },
   m: {
     id: "measure", text: WORDS.measure, title: WORDS.measureHint, least: 2, most: 2, words: WORDS.measuring, done: () => null,
@@ -175,13 +179,16 @@ function move(id, by) {
   change({ edit: "order", seams: order });
 }
 
+// What a person drew, a person looks at each time.
+const NEVER_ACCEPTED = ["drawn"];
+
 // "I have checked this" beside the first of each reason of the verdict: a job accepts all of one kind, or none.
 function reasons() {
   const items = [...document.querySelectorAll("#verdict li")];
   const ids = items.map((item) => item.querySelector("code").textContent);
   items.forEach((item, k) => {
     const id = ids[k];
-    if (ids.indexOf(id) < k) return;
+    if (ids.indexOf(id) < k || NEVER_ACCEPTED.includes(id)) return;
     const more = ids.filter((other) => other === id).length - 1;
     item.append(el("label", { class: "box", title: WORDS.checkedHint(id) },
       el("input", { type: "checkbox", "data-reason": id, onchange: (event) => change({ edit: "accept", reason: id, on: event.target.checked }) }), WORDS.checked(more)));

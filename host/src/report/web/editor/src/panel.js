@@ -141,16 +141,20 @@ function tool(schema, open) {
   return box;
 }
 
-// Seams that were asked for, each with a button that takes it back.
+// Seams that were asked for or drawn, each with a button that takes it back.
 function asked(open) {
   const list = el("div", {});
   const box = group("asked", open, [list]);
   const ends = (places) => WORDS.askedBetween(places[0].join(", "), places[places.length - 1].join(", "));
+  const through = (places) => WORDS.drawnThrough(places.length, places[0].join(", "), places[places.length - 1].join(", "));
+  const row = (what, button) => el("div", { class: "asked" }, el("span", {}, what), button);
   box.update = ({ job }) => {
-    const asks = job.ask ?? [];
-    list.replaceChildren(...asks.map(({ between_mm }, at) => el("div", { class: "asked" }, el("span", {}, ends(between_mm)),
-      el("button", { type: "button", "data-unask": at, "aria-label": WORDS.unask(ends(between_mm)), onclick: () => edit({ edit: "unask", at }) }, "×"))));
-    if (!asks.length) list.replaceChildren(el("p", { class: "soft" }, WORDS.noneAsked));
+    const asks = (job.ask ?? []).map(({ between_mm }, at) => row(ends(between_mm),
+      el("button", { type: "button", "data-unask": at, "aria-label": WORDS.unask(ends(between_mm)), onclick: () => edit({ edit: "unask", at }) }, "×")));
+    const draws = (job.draw ?? []).map(({ through_mm }, at) => row(through(through_mm),
+      el("button", { type: "button", "data-undraw": at, "aria-label": WORDS.undraw(through(through_mm)), onclick: () => edit({ edit: "undraw", at }) }, "×")));
+    list.replaceChildren(...asks, ...draws);
+    if (!asks.length && !draws.length) list.replaceChildren(el("p", { class: "soft" }, WORDS.noneAsked));
   };
   return box;
 }

@@ -2,7 +2,7 @@
 // scale; and what is between two places that are clicked in it.
 
 import { el, svg } from "../../src/dom.js";
-import { WORDS } from "./words.js";
+import { GROUPS, WORDS } from "./words.js";
 import { section as fetchSection } from "./server.js";
 
 // Width of the drawing, and what is left for words at its edge, in its own units.
@@ -78,7 +78,7 @@ function ruler(picture, result) {
 
 // The group of a seam's settings; `onPlane(section)` is told what is looked at, and nothing when it is no longer.
 export function section(group, { seam, length_mm }, open, onPlane) {
-  const picture = svg("svg", { viewBox: `0 0 ${SIZE} ${SIZE}`, class: "section", role: "img" });
+  const picture = svg("svg", { viewBox: `0 0 ${SIZE} ${SIZE}`, class: "section", role: "img", "aria-label": GROUPS.section });
   const slider = el("input", { type: "range", id: "section-at", min: 0, step: "any", "aria-label": WORDS.alongSeam(seam) });
   const place = el("output", { for: "section-at" });
   const words = el("p", { class: "soft", "aria-live": "polite" });

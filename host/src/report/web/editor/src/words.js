@@ -31,6 +31,10 @@ export const WORDS = {
   askHint: "Click places along a seam that was missed (A)",
   asking: (count) => `Add a seam: ${count < 2 ? `click ${count ? "another place" : "a place"} within 10 mm of it, or turn it under the cross and press the space bar` : `${count} places; Enter asks for it, more places follow a curve, a loop comes back to its first`}; Backspace takes the last one back, Escape gives up.`,
   asked: "Asked for: the next plan looks for it there (P).",
+  draw: "Draw a seam",
+  drawHint: "Click a line on the surface that is welded though no seam is found there (D)",
+  drawingSeam: (count) => `Draw a seam, as the last resort: ${count < 2 ? `click ${count ? "its next place" : "its first place"} on the surface, or turn it under the cross and press the space bar` : `${count} places; Enter draws it, a loop comes back to its first place`}. Backspace takes the last one back, Escape gives up.`,
+  drawn: "Drawn: the next plan lays it onto the scan (P). A person has to look at it each time, so the verdict is never ready.",
   noPoint: "No point of the scan is there: click on the cloud.",
   placeOf: (k) => `place ${k}`,
   faces: "Between two faces",
@@ -71,6 +75,8 @@ export const WORDS = {
   takeBack: (what) => `Take back: ${what}`,
   askedBetween: (first, last) => `between ${first} and ${last}`,
   unask: (what) => `No longer ask for the seam ${what}`,
+  drawnThrough: (count, first, last) => `drawn through ${count} places, ${first} to ${last}`,
+  undraw: (what) => `Take back the seam ${what}`,
   noneAsked: "None: every seam is one that the search found.",
   planned: (out) => `Planned: the files are in ${out}.`,
   unplanned: "Edited since the last plan: the picture and the files are those before.",
@@ -123,11 +129,11 @@ export const WORDS = {
   setTool: "Set the tool",
   removeTool: "Take the tool away: the controller's own holds",
   command: "As a command",
-  keys: "Editing: A add a seam, E between two faces, B box, H plane, M measure, S cross-section, P plan, Escape cancel, Ctrl+Z undo, Ctrl+Y redo, X weld or leave out, R reverse, [ earlier, ] later, J seam, joint type or whole job, C copy as command.",
+  keys: "Editing: A add a seam, D draw a seam, E between two faces, B box, H plane, M measure, S cross-section, P plan, Escape cancel, Ctrl+Z undo, Ctrl+Y redo, X weld or leave out, R reverse, [ earlier, ] later, J seam, joint type or whole job, C copy as command.",
 };
 
 export const GROUPS = {
-  asked: "Seams that were asked for",
+  asked: "Seams that were asked for or drawn",
   section: "Cross-section",
   regions: "Boxes and planes",
   order: "Order of the seams", path: "Path", torch: "Torch angles", weave: "Weave", stitch: "Stitches and tacks", arc: "Arc and gas",
