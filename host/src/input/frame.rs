@@ -218,6 +218,21 @@ mod tests {
     }
 
     #[test]
+    fn several_views_of_a_sheet_are_no_cameras_picture() {
+        // Three cameras look down on a level sheet, each turned about its axis, and one at the origin would have seen as much.
+        let views = [0.0, 0.4, 1.1].map(|turn| nalgebra::Rotation3::from_euler_angles(0.0, 0.0, turn));
+        let sheet = |view: nalgebra::Rotation3<f64>| {
+            (0..200 * 150).map(move |i| {
+                let (u, v) = ((i % 200) as f64 / 200.0 - 0.5, (i / 200) as f64 / 200.0 - 0.375);
+                view * Point3::new(600.0 * u, 600.0 * v, 700.0)
+            })
+        };
+        assert!(decided(sheet(views[0]).collect(), None).0.is_some());
+        let (camera, note) = decided(views.into_iter().flat_map(sheet).collect(), None);
+        assert!(camera.is_none() && note.contains("no grid of pixels"), "{note}");
+    }
+
+    #[test]
     fn a_workpiece_beside_the_robot_was_not_seen_from_its_base() {
         let beside = box_on_table().iter().map(|p| Point3::new(p.x + 700.0, p.y, 600.0 - p.z)).collect();
         assert!(decided(beside, None).0.is_none());

@@ -253,6 +253,37 @@ mod tests {
         }
     }
 
+    /// A wall 60 mm high and 160 mm long that leans back by 15 degrees, seen from the front only, and the table behind it, from
+    /// where its shadow ends; points 1 mm apart, and the true normals; turned.
+    fn wall(turn: &UnitQuaternion<f32>) -> (Voxels, Vec<Vector3<f32>>) {
+        let (sin, cos) = 15f32.to_radians().sin_cos();
+        let mut rows: Vec<(Point3<f32>, Vector3<f32>)> = Vec::new();
+        for i in -80..=80 {
+            let x = i as f32;
+            let front = |k: i32| Point3::new(x, k as f32 * sin, k as f32 * cos);
+            rows.extend((0..=60).map(|k| (front(k), Vector3::new(0.0, -cos, sin))));
+        }
+        for i in -120..=120 {
+            rows.extend((90..=240).map(|j| (Point3::new(i as f32, j as f32, 0.0), Vector3::z())));
+        }
+        let mut voxels = Voxels { edge_mm: 1.0, ..Voxels::default() };
+        voxels.cloud.points_mm = rows.iter().map(|(p, _)| turn * p).collect();
+        let truth: Vec<_> = rows.iter().map(|(_, n)| turn * n).collect();
+        voxels.cloud.normals =
+            truth.iter().enumerate().map(|(k, n)| if k % 3 == 0 { -n } else { *n }).collect();
+        (voxels, truth)
+    }
+
+    #[test]
+    fn a_wall_of_which_one_side_was_seen_faces_away_from_its_shadow_in_any_frame() {
+        for turn in [UnitQuaternion::identity(), UnitQuaternion::from_euler_angles(2.5, -0.7, 1.9)] {
+            let (voxels, truth) = wall(&turn);
+            let sides = seen(&voxels, false);
+            let wrong = sides.normals.iter().zip(&truth).filter(|(a, b)| a.dot(b) < 0.0).count();
+            assert!(wrong * 200 < truth.len(), "{wrong} of {}", truth.len());
+        }
+    }
+
     #[test]
     fn given_sides_are_kept_if_they_are_borne_out_turned_if_all_are_wrong_and_found_anew_if_mixed() {
         let (mut voxels, truth) = web(100, &UnitQuaternion::from_euler_angles(0.3, 1.2, -2.2));
