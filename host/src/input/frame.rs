@@ -135,11 +135,13 @@ fn hidden_share(image: &[[f64; 3]]) -> f64 {
 fn evenness(image: &[[f64; 3]]) -> f64 {
     const WINDOWS: usize = 9;
     const WINDOW_POINTS: f64 = 200.0;
+    // Where all points are at one place, all are in the window.
+    const MOST_POINTS: usize = 1000;
     let half = 0.5 * WINDOW_POINTS.sqrt() * angular_spacing(image);
     let window = |k: usize| {
         let [u, v, _] = image[(2 * k + 1) * image.len() / (2 * WINDOWS)];
         let near = image.iter().filter(|p| (p[0] - u).abs() < half && (p[1] - v).abs() < half);
-        let near: Vec<[f64; 2]> = near.map(|p| [p[0], p[1]]).collect();
+        let near: Vec<[f64; 2]> = near.map(|p| [p[0], p[1]]).take(MOST_POINTS).collect();
         let nearest = |p: &[f64; 2]| {
             let others = near.iter().map(|q| (p[0] - q[0]).hypot(p[1] - q[1])).filter(|apart| *apart > 0.0);
             others.fold(2.0 * half, f64::min)
