@@ -348,6 +348,103 @@ fn a_browser_shows_300_000_points_and_slider_clicks_and_keys_work() {
     );
 }
 
+/// A robot that stands 600 mm beside the pipe.
+const ROBOT: &str = "[robot]\nmodel = \"{model}\"\nbase_mm = [-600, 100, -50]\nbase_rotation_rad = [0, 0, 0.3]\n\
+                     [tool]\nflange_from_tcp_mm = [0, -50, 300]\nflange_from_tcp_rotation_rad = [0, 0.5, 0]\n\
+                     payload_kg = 2.5\n";
+
+/// Between two waypoints the joints turn evenly, so the tip leaves a straight line by this at most, mm.
+const BETWEEN_MM: f64 = 0.3;
+
+/// The player in the middle of each move, and at each waypoint: whether it stands at one, how far the tip of the drawn arm is
+/// from the torch, mm, and by how much it is turned from it, rad; null and the words of the player where no arm is drawn.
+const TIPS: &str = "(() => {
+    const { scene } = weldpath;
+    const slider = document.getElementById('slider');
+    const Vector3 = scene.camera.position.constructor;
+    const rows = weldpath.content.waypoints;
+    const off = (time_s, stands) => {
+        slider.value = time_s;
+        slider.dispatchEvent(new Event('input'));
+        scene.scene.updateMatrixWorld(true);
+        const [arm, torch] = [scene.arm.tip, scene.groups.torch];
+        if (!scene.arm.visible) return [stands, null, document.getElementById('readout').textContent];
+        const at = (object) => new Vector3().setFromMatrixPosition(object.matrixWorld);
+        // The tool's z points into the work, the torch's out of it.
+        const z = (object) => new Vector3().setFromMatrixColumn(object.matrixWorld, 2);
+        const y = (object) => new Vector3().setFromMatrixColumn(object.matrixWorld, 1);
+        return [stands, at(arm).distanceTo(at(torch)), Math.max(z(arm).add(z(torch)).length(), y(arm).sub(y(torch)).length())];
+    };
+    let [time_s, found] = [0, []];
+    rows.forEach((row, i) => {
+        const before = rows[Math.max(i - 1, 0)];
+        const move_s = Math.hypot(row[0] - before[0], row[1] - before[1], row[2] - before[2]) / row[7];
+        if (move_s > 0) found.push(off(time_s + 0.5 * move_s, false));
+        time_s += move_s;
+        found.push(off(time_s, true));
+    });
+    return found;
+})()";
+
+#[test]
+fn the_drawn_arm_holds_the_torch_wherever_the_player_stands_and_is_not_drawn_beyond_its_reach() {
+    let Some(chromium) = browser::chromium() else { return };
+    for (model, reaches) in
+        [("ur10e", true), ("abb-irb1600-10-145", true), ("fanuc-m10ia", true), ("ur3", false)]
+    {
+        let [page, _] = report(&plan(3000), &ROBOT.replace("{model}", model));
+        let mut browser = Browser::open(&chromium, &page);
+        let tips = browser.evaluate(TIPS);
+        let tips = tips.as_array().unwrap();
+        let (drawn, absent): (Vec<&Value>, Vec<&Value>) = tips.iter().partition(|tip| tip[1].is_number());
+        let [at, between] = [true, false].map(|stands| {
+            let some = || drawn.iter().filter(|tip| tip[0] == stands);
+            [1, 2].map(|k| some().map(|tip| tip[k].as_f64().unwrap()).fold(0.0, f64::max))
+        });
+        println!(
+            "{model}: {} of {} places, mm and rad off {at:?}, between {between:?}",
+            drawn.len(),
+            tips.len()
+        );
+        assert!(at[0] < 0.1 && at[1] < 1e-3, "{model}: {at:?}");
+        assert!(between[0] < BETWEEN_MM && between[1] < 2e-3, "{model}: {between:?}");
+        assert_eq!(absent.is_empty(), reaches, "{model}: {} of {}", absent.len(), tips.len());
+        let said = format!("{model} does not reach this pose");
+        assert!(absent.iter().all(|tip| tip[2].as_str().unwrap().contains(&said)), "{absent:?}");
+        assert!(drawn.len() > 10, "{model}");
+        let legend = browser.evaluate("document.getElementById('legend').textContent");
+        assert!(legend.as_str().unwrap().contains("drawn, not checked"), "{legend}");
+        let answer = browser.evaluate(PROBE);
+        assert!(browser.console().is_empty(), "{:?}", browser.console());
+        assert!(answer["drawCalls"].as_f64().unwrap() <= 40.0, "{}", answer["drawCalls"]);
+        assert_eq!(answer["idleFrames"], 0);
+        println!("{model}: {} draw calls", answer["drawCalls"]);
+    }
+}
+
+#[test]
+fn the_joints_in_the_page_bring_the_tip_to_each_waypoint_by_the_forward_kinematics() {
+    for model in ["ur10e", "abb-irb1600-10-145", "kuka-kr10-r1420"] {
+        let text = ROBOT.replace("{model}", model);
+        let job = Job::parse(&text, Path::new("job.toml")).unwrap();
+        let placed = job.feasibility().unwrap().robot.unwrap();
+        let [page, _] = report(&plan(3000), &text);
+        let content = content(&page);
+        let rows = content["waypoints"].as_array().unwrap();
+        let moves = content["arm"]["joints_rad"].as_array().unwrap();
+        assert_eq!(rows.len(), moves.len());
+        for (row, poses) in rows.iter().zip(moves) {
+            let angles = poses.as_array().unwrap().last().unwrap();
+            let joints_rad = [0, 1, 2, 3, 4, 5].map(|j| angles[j].as_f64().unwrap());
+            let flange = placed.base_from_robot * placed.arm.forward(&joints_rad);
+            let tip_mm = (flange * placed.flange_from_tcp).translation.vector;
+            let waypoint_mm = Vector3::from([0, 1, 2].map(|c| row[c].as_f64().unwrap()));
+            assert!((tip_mm - waypoint_mm).norm() < 0.02, "{model}: {tip_mm} and {waypoint_mm}");
+        }
+    }
+    assert!(content(&SMALL[0])["arm"].is_null(), "no robot is chosen");
+}
+
 #[test]
 fn names_that_look_like_markup_are_shown_as_text() {
     let Some(chromium) = browser::chromium() else { return };

@@ -1,5 +1,6 @@
 //! The page's JSON and binary blocks. Schema: `docs/formats.md`.
 
+use super::arm::ArmDrawing;
 use super::colour;
 use super::histogram::Histogram;
 use super::points::{self, INTENSITY_FULL, Layer};
@@ -10,7 +11,7 @@ use crate::run::job::MethodName;
 use crate::seam::Seam;
 use crate::weld::air;
 use crate::weld::program::{Kind, Waypoint};
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Point3, UnitQuaternion, Vector3};
 use serde::Serialize;
 
 /// Most waypoints in the page; the files hold all.
@@ -97,6 +98,7 @@ struct Content<'a> {
     seams: Vec<SeamLine>,
     waypoints: Vec<Row>,
     waypoints_of: usize,
+    arm: Option<ArmDrawing>,
     histograms: Histograms<'a>,
 }
 
@@ -142,6 +144,9 @@ pub(super) fn document(run: &Run, scene: &Scene) -> (String, Vec<u8>) {
         },
         None => Clouds { model: None, raw: None },
     };
+    let waypoints = &output.program.waypoints;
+    let shown: Vec<usize> = shown(waypoints).collect();
+    let arm = job.feasibility().and_then(|setup| setup.robot);
     let content = Content {
         format: "weldpath-report",
         version: VERSION,
@@ -158,8 +163,9 @@ pub(super) fn document(run: &Run, scene: &Scene) -> (String, Vec<u8>) {
         intensity_full: INTENSITY_FULL,
         cameras_mm: recording.cameras_mm.iter().map(|&c| c.into()).collect(),
         seams: plan.seams.iter().map(seam_line).collect(),
-        waypoints: rows(&output.program.waypoints),
-        waypoints_of: output.program.waypoints.len(),
+        waypoints: shown.iter().map(|&i| row(&waypoints[i])).collect(),
+        waypoints_of: waypoints.len(),
+        arm: arm.map(|arm| ArmDrawing::new(&arm, waypoints, &shown)),
         histograms: histograms(run),
     };
     // Strings, finite numbers and lists only: there is nothing serde_json could refuse.
@@ -195,19 +201,24 @@ fn seam_line(seam: &Seam) -> SeamLine {
 }
 
 /// All moves. Of a long seam only an even share of its points, and always both ends.
-fn rows(waypoints: &[Waypoint]) -> Vec<Row> {
+fn shown(waypoints: &[Waypoint]) -> impl Iterator<Item = usize> + '_ {
     let every = waypoints.len().div_ceil(WAYPOINTS).max(1);
     let inside = |i: usize| {
         let welds = |k: usize| waypoints.get(k).is_some_and(|w| w.weld && w.seam == waypoints[i].seam);
         i > 0 && welds(i - 1) && welds(i) && welds(i + 1)
     };
-    (0..waypoints.len()).filter(|&i| i % every == 0 || !inside(i)).map(|i| row(&waypoints[i])).collect()
+    (0..waypoints.len()).filter(move |&i| i % every == 0 || !inside(i))
 }
 
 fn row(w: &Waypoint) -> Row {
-    let ([x, y, z], q) = (rounded(w.position_mm.into()), w.base_from_torch);
-    let [qw, qx, qy, qz] = [q.w, q.i, q.j, q.k].map(|v| (v * 1e6).round() / 1e6);
+    let [x, y, z] = rounded(w.position_mm.into());
+    let [qw, qx, qy, qz] = rounded_turn(&w.base_from_torch);
     (x, y, z, qw, qx, qy, qz, w.feed_mm_s, w.seam.unwrap_or(0), w.kind)
+}
+
+/// w, x, y, z, to 1e-6.
+pub(super) fn rounded_turn(q: &UnitQuaternion<f64>) -> [f64; 4] {
+    [q.w, q.i, q.j, q.k].map(|v| (v * 1e6).round() / 1e6)
 }
 
 /// To the micrometre.
@@ -218,7 +229,6 @@ pub(super) fn rounded(p_mm: [f64; 3]) -> [f64; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::UnitQuaternion;
 
     fn waypoint(i: usize, seam: usize) -> Waypoint {
         Waypoint {
@@ -236,7 +246,7 @@ mod tests {
     fn a_long_program_keeps_its_air_moves_and_the_ends_of_its_seams() {
         let seam = |i: usize| [0, 1, 1, 0, 2][i * 5 / 100_000];
         let all: Vec<Waypoint> = (0..100_000).map(|i| waypoint(i, seam(i))).collect();
-        let kept = rows(&all);
+        let kept: Vec<Row> = shown(&all).map(|i| row(&all[i])).collect();
         let places: Vec<f64> = kept.iter().map(|row| row.0).collect();
         for end in [20_000.0, 59_999.0, 80_000.0, 99_999.0] {
             assert!(places.contains(&end), "{end}");

@@ -7,6 +7,7 @@
 pub mod arm;
 mod branch;
 pub mod catalogue;
+pub mod chain;
 mod moves;
 pub mod offset_wrist;
 pub mod problem;
@@ -180,9 +181,25 @@ impl PlacedArm {
         self.base_from_robot.inv_mul(&base_from_tcp) * self.flange_from_tcp.inverse()
     }
 
-    fn joint_checks(&self, stations: &[Station], waypoints: usize, fully: bool) -> Vec<Option<JointCheck>> {
+    /// The joints along the move to each waypoint, at poses that divide it evenly, the last of them at the waypoint; none
+    /// where the arm reaches none.
+    pub fn motion(&self, waypoints: &[Waypoint]) -> Vec<Vec<Option<Joints>>> {
+        let stations = moves::stations(waypoints);
+        let way = self.follow(&stations);
+        let mut moves = vec![Vec::new(); waypoints.len()];
+        for (station, joints_rad) in stations.iter().zip(way.joints_rad) {
+            moves[station.waypoint].push(joints_rad);
+        }
+        moves
+    }
+
+    fn follow(&self, stations: &[Station]) -> branch::Way {
         let poses: Vec<_> = stations.iter().map(|station| self.robot_from_flange(station)).collect();
-        let way = branch::follow(&self.arm, &poses);
+        branch::follow(&self.arm, &poses)
+    }
+
+    fn joint_checks(&self, stations: &[Station], waypoints: usize, fully: bool) -> Vec<Option<JointCheck>> {
+        let way = self.follow(stations);
         let indices: Vec<usize> = (0..stations.len()).collect();
         let single: Vec<Option<JointCheck>> = indices
             .par_iter()

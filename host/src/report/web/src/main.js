@@ -15,7 +15,7 @@ const wish = new URLSearchParams(location.hash.slice(1));
 
 const COLOURS = ["height", "edge intensity", "normals", "view", "work of the filter"];
 const CLOUDS = [["model", "denoised"], ["unfiltered", "before the filter"], ["raw", "raw scan"]];
-const SHOWN = [["frames", "torch frames", true], ["way", "air moves", true], ["torch", "torch", true], ["truth", "truth (white)", true], ["cameras", "cameras", false]];
+const SHOWN = [["frames", "torch frames", true], ["way", "air moves", true], ["torch", "torch", true], ["arm", "robot", true], ["truth", "truth (white)", true], ["cameras", "cameras", false]];
 
 function select(id, move = true) {
   const seam = seams.find((s) => s.id === id);
@@ -44,6 +44,8 @@ function seek(time_s) {
     weld && item("along", `${number(torch.s_mm)} of ${number(waypoints[weld.end].s_mm)} mm`),
     item("feed", `${number(torch.feed_mm_s)} mm/s`),
     item("x, y, z", `${place(state.torch_mm)} mm`),
+    torch.joints_rad && item("joints", `${torch.joints_rad.map((angle) => Math.round((180 * angle) / Math.PI)).join(", ")}°`),
+    torch.joints_rad === null && item(content.arm.name, "does not reach this pose: the robot is not drawn"),
   ].filter(Boolean));
   scene?.moveTorch(torch);
 }
@@ -88,7 +90,7 @@ function bands() {
 function tools() {
   const choice = (name, options, chosen, onchange) => el("label", {}, name,
     el("select", { id: name.replace(" ", "-"), onchange }, options.map(([value, text]) => el("option", { value, selected: value === chosen }, text))));
-  const boxes = SHOWN.filter(([name]) => scene.groups[name]).map(([name, text, on]) => {
+  const boxes = SHOWN.map(([name, text, on]) => {
     const shown = on || Boolean(wish.get("show")?.split(",").includes(name));
     scene.show(name, shown);
     return el("label", {}, el("input", { type: "checkbox", id: `show-${name}`, checked: shown, onchange: (event) => scene.show(name, event.target.checked) }), text);
@@ -101,6 +103,15 @@ function tools() {
   $("tools").addEventListener("submit", (event) => event.preventDefault());
   for (const [from, text] of [["home", "⌂"], ["top", "top"], ["front", "front"], ["side", "side"]]) {
     $("looks").append(el("button", { type: "button", title: from === "home" ? "All seams (F)" : `From the ${from}`, onclick: () => scene.look(from) }, text));
+  }
+}
+
+// Nobody is asked about what is not there; an edit may bring the robot.
+function offered() {
+  for (const [name] of SHOWN) {
+    const box = $(`show-${name}`);
+    box.closest("label").hidden = !scene.groups[name];
+    scene.show(name, box.checked);
   }
 }
 
@@ -134,7 +145,9 @@ function legend() {
     () => ["Seen by (nearest raw point)", el("div", { class: "keys" }, (used.length ? used.slice(0, 10) : [{ name: "the cloud" }]).map((v, k) => key(viewColour(k), v.name)))],
     () => ["Removed by the filter, mm", ramp(["#2673f2", "#8b98a8", "#f27319"], `−${number(filterScale)} below`, `${number(filterScale)} above`)],
   ];
-  $("legend").replaceChildren(...parts[state.colouring]().flat());
+  const arm = scene.groups.arm && content.arm;
+  $("legend").replaceChildren(...parts[state.colouring]().flat(),
+    ...(arm ? [el("div", {}, `Robot ${arm.name}: nominal link radius ${arm.radii_mm[0]} mm, wrist ${arm.radii_mm[1]} mm; drawn, not checked`)] : []));
 }
 
 // Two standard deviations of the noise fill the colours of the filter's work.
@@ -241,6 +254,7 @@ function picture() {
   state.colouring = Math.max(COLOURS.findIndex((name) => name.includes(wish.get("colour") ?? "height")), 0);
   state.cloud = CLOUDS.find(([value]) => value === wish.get("cloud"))?.[0] ?? "model";
   tools();
+  offered();
   labels();
   cloud(state.cloud);
   colouring(state.colouring);
@@ -266,7 +280,11 @@ function renew(next) {
   words();
   bands();
   scene?.renew();
-  if (scene) labels();
+  if (scene) {
+    labels();
+    offered();
+    legend();
+  }
   if (state.seam !== null) select(state.seam, false);
   seek(state.time_s);
 }

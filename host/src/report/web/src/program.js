@@ -52,7 +52,17 @@ function reached(time_s) {
   return low;
 }
 
-// The torch at a time: position, rotation, what it does.
+// The joints, a share of the way from a waypoint to the next: null where the arm reaches no pose, undefined without an arm.
+function jointsAt(i, share) {
+  const moves = content.arm?.joints_rad;
+  if (!moves) return undefined;
+  const poses = [moves[i].at(-1), ...(moves[i + 1] ?? [])];
+  const at = share * (poses.length - 1);
+  const [a, b] = [poses[Math.floor(at)], poses[Math.ceil(at)]];
+  return a && b && a.map((angle, k) => angle + (at % 1) * (b[k] - angle));
+}
+
+// The torch at a time: position, rotation, what it does, and how the arm stands.
 export function torchAt(time_s, position_mm = new Vector3(), rotation = new Quaternion()) {
   const i = reached(time_s);
   const [a, b] = [waypoints[i], waypoints[i + 1] ?? waypoints[i]];
@@ -62,5 +72,5 @@ export function torchAt(time_s, position_mm = new Vector3(), rotation = new Quat
   rotation.slerpQuaternions(a.rotation, b.rotation, share);
   const arc = burns(i);
   const at = share > 0 || arc ? b : a;
-  return { position_mm, rotation, arc, seam: at.seam, kind: at.kind, feed_mm_s: at.feed_mm_s, s_mm: arc ? a.s_mm + share * (b.s_mm - a.s_mm) : at.s_mm };
+  return { position_mm, rotation, arc, seam: at.seam, kind: at.kind, feed_mm_s: at.feed_mm_s, s_mm: arc ? a.s_mm + share * (b.s_mm - a.s_mm) : at.s_mm, joints_rad: jointsAt(i, share) };
 }

@@ -8,6 +8,7 @@ import { LineSegmentsGeometry } from "three/examples/jsm/lines/LineSegmentsGeome
 import { content, deviation, seams, viewColour } from "./content.js";
 import { pointsOf, shared } from "./cloud.js";
 import { burns, waypoints, welds } from "./program.js";
+import { Arm, torchBody } from "./robot.js";
 
 const centre = new THREE.Vector3(...content.centre_mm);
 const up = new THREE.Vector3(...content.up);
@@ -93,17 +94,18 @@ export class Scene {
     if (raw?.count) this.add("raw", pointsOf(raw, centre, 0.6 * spacing * thinned(raw), 1.6), false);
   }
 
-  // The lines of a program and the torch. The clouds stay as they are on the graphics card.
+  // The lines of a program, torch and arm. The clouds stay as they are on the graphics card.
   addProgram() {
     this.addSeams();
     this.addFrames();
     this.addWay();
     this.addTorch();
+    this.addArm();
   }
 
   // What is drawn of a program anew, shown or hidden as it was.
   renew() {
-    const hidden = ["hidden", "seams", "frames", "way", "torch", "chosen"].filter((name) => this.drop(name) === false);
+    const hidden = ["hidden", "seams", "frames", "way", "torch", "arm", "chosen"].filter((name) => this.drop(name) === false);
     this.addProgram();
     for (const name of hidden) if (this.groups[name]) this.groups[name].visible = false;
     this.redraw();
@@ -192,29 +194,29 @@ export class Scene {
     if (pairs.length) this.add("truth", wide(pairs, null, 1.6, { color: "#ffffff", depthTest: false, transparent: true })).renderOrder = 3;
   }
 
-  // Wire 15 mm, nozzle of 22 mm, body: a common MIG torch, tip of the wire at the origin, axis along z.
   addTorch() {
     this.arc = null;
     if (!waypoints.length) return;
     const torch = this.add("torch", new THREE.Group());
-    const profile = [[0, 0], [0.6, 0], [0.6, 15], [8, 15], [11, 22], [11, 70], [15, 76], [15, 130], [0, 130]];
-    const shape = new THREE.LatheGeometry(profile.map(([r, z]) => new THREE.Vector2(r, z)), 28).rotateX(Math.PI / 2);
-    const body = new THREE.Mesh(shape, new THREE.MeshNormalMaterial({ transparent: true, opacity: 0.9, side: THREE.DoubleSide }));
-    body.material.onBeforeCompile = (shader) => {
-      // Steel, lit from the eye.
-      shader.fragmentShader = shader.fragmentShader.replace(
-        "gl_FragColor = vec4( normalize( normal ) * 0.5 + 0.5, diffuseColor.a );",
-        "float lit = abs( normalize( normal ).z ); gl_FragColor = vec4( mix( vec3( 0.17, 0.21, 0.27 ), vec3( 0.78, 0.83, 0.9 ), lit * lit ), diffuseColor.a );");
-    };
+    const body = torchBody();
     body.renderOrder = 4;
     this.arc = new THREE.Mesh(new THREE.SphereGeometry(1, 16, 12), new THREE.MeshBasicMaterial({ color: "#ff9a1f", depthTest: false, transparent: true, opacity: 0.9 }));
     this.arc.renderOrder = 5;
     torch.add(body, this.arc);
   }
 
-  moveTorch({ position_mm, rotation, arc }) {
+  addArm() {
+    this.arm = null;
+    if (!waypoints.length || !content.arm) return;
+    this.arm = new Arm(content.arm);
+    this.arm.position.sub(centre);
+    this.add("arm", new THREE.Group()).add(this.arm);
+  }
+
+  moveTorch({ position_mm, rotation, arc, joints_rad }) {
     const torch = this.groups.torch;
     if (!torch) return;
+    this.arm?.stand(joints_rad);
     torch.position.copy(position_mm).sub(centre);
     torch.quaternion.copy(rotation);
     this.arc.visible = arc;
