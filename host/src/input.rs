@@ -92,6 +92,20 @@ pub struct Scan {
 }
 
 impl Scan {
+    /// All that is said of it; the background is whole.
+    pub(crate) fn without_points(&self) -> Self {
+        let Self { views: _, background, notes, warnings, doubts, frame, inputs } = self;
+        Self {
+            views: Vec::new(),
+            background: Arc::clone(background),
+            notes: notes.clone(),
+            warnings: warnings.clone(),
+            doubts: doubts.clone(),
+            frame: *frame,
+            inputs: inputs.clone(),
+        }
+    }
+
     /// Of these views, read from one file, with nothing to be said of it.
     fn of(views: Vec<View>, frame: CloudFrame, path: &Path) -> Self {
         let background = Arc::default();

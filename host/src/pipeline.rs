@@ -5,12 +5,12 @@ pub mod calibration;
 pub mod exclusion;
 mod reconstructed;
 mod scale_search;
+pub mod survey;
 pub mod tacks;
 pub mod touch;
 
-use self::exclusion::{Exclusion, Scene};
-use self::reconstructed::Reconstructed;
-use self::scale_search::{ScaleResult, ScaleSearch};
+use self::exclusion::Exclusion;
+use self::survey::{MergedViews, Survey};
 use crate::geometry::cloud::{Merged, PointCloud, View};
 use crate::geometry::grid::Grid;
 pub use crate::model::agreement::{HandEyeError, Misfit, ViewReport};
@@ -200,7 +200,7 @@ impl Observer for () {}
 /// Cells in which the raw points are looked up, mm: what seams and their surroundings ask for is a few times as large.
 pub const RAW_CELL_MM: f32 = 5.0;
 
-/// From views to torch paths: the paper's Fig. 1, one line per stage.
+/// From views to torch paths: the paper's Fig. 1 in the steps of [`survey`].
 ///
 /// ```
 /// use std::path::Path;
@@ -216,64 +216,8 @@ pub const RAW_CELL_MM: f32 = 5.0;
 /// # Ok::<(), input::Error>(())
 /// ```
 pub fn plan(views: &[View], config: &Config, observer: &mut impl Observer) -> Result<Plan, PlanError> {
-    let mut clock = Clock::default();
-    let Reconstructed { views, patches, agreement, location, camera } =
-        Reconstructed::new(views, config, &mut clock, observer)?;
-    let base_frame = location.and_then(|location| location.base_frame);
-    let views = &views[..];
-    let reports = if views.len() > 1 { agreement.report(views, &patches) } else { Vec::new() };
-    let mut warnings = agreement.warnings(views, &patches);
-    warnings.extend(base_frame.iter().flat_map(BaseFrame::warnings));
-    warnings.extend(camera.iter().flat_map(CameraFinding::warnings));
-    let hand_eye = agreement.hand_eye;
-    let (views, patches) = (agreement.of(views), agreement.of(&patches));
-    let (views, patches, registration) = (&views[..], &patches[..], agreement.registration);
-    let whole = clock.time("merge", || Merged::new(views, &registration.base_from_camera));
-    let first = downsampling::Scale::of(&whole, patches, &config.downsampling);
-    let scene = clock.time("exclusion", || Scene::new(whole, &first, config))?;
-    let merged = scene.work();
-    let raw = clock.time("index", || Grid::new(&merged.points_mm, RAW_CELL_MM));
-    let excluded = scene.excluded();
-    let search = ScaleSearch { views, merged, excluded, raw: &raw, registration: &registration, config };
-    let (mut result, ground) = tacks::sought_without(&search, &first, &mut clock, observer)?;
-    let search = ground.as_ref().map_or(search, |ground| ground.in_place_of(&search));
-    let (unmet, undrawn) = clock.time("seam", || (search.ask(&mut result), search.draw(&mut result)));
-    let ScaleResult { scale, model, mut found, .. } = result;
-    let (merged, raw) = (search.merged, search.raw);
-    scene.trim(&mut found, views);
-    scene.show(&model, raw, &found, observer);
-    if found.seams.is_empty() {
-        return Err(no_seam(scene.reason([vec![found.reason], unmet, undrawn].concat().join("; "))));
-    }
-    let paths = clock.stage("toolpath", observer, || found.seams.iter().map(SeamPath::along).collect());
-    let gaps = || coverage::gaps(&found.seams, merged, raw, search.cameras_known());
-    let coverage = clock.time("coverage", gaps);
-    let tacks = ground.map_or_else(Vec::new, |ground| ground.on(&found.seams));
-    warnings.extend(found.warnings);
-    warnings.extend(tacks::words(&tacks));
-    warnings.extend(coverage.iter().map(coverage::Gap::words));
-    warnings.extend(scene.warning());
-    let mut derived = derived(&scale, found.gate);
-    derived.extend(scene.derived());
-    let (seams, stage_s) = (found.seams, clock.stages);
-    Ok(Plan {
-        model: model.into_scene(),
-        seams,
-        paths,
-        coverage,
-        tacks,
-        views: reports,
-        hand_eye,
-        base_frame,
-        camera,
-        touch: None,
-        derived,
-        stage_s,
-        orientation_assumed: found.orientation_assumed,
-        unmet,
-        undrawn,
-        warnings,
-    })
+    let merged = MergedViews::new(views, &config.of_merge(), observer)?;
+    Survey::new(merged.into(), &config.of_survey(), observer)?.plan(config, observer)
 }
 
 fn go_on(observer: &impl Observer) -> Result<(), PlanError> {
@@ -309,7 +253,7 @@ fn no_seam(reason: String) -> PlanError {
 }
 
 /// Wall time of each stage.
-#[derive(Default)]
+#[derive(Clone, Default)]
 struct Clock {
     stages: Vec<(Cow<'static, str>, f64)>,
 }

@@ -56,7 +56,11 @@ fn outcome(job: &Job, kept: &Kept<Recording>) -> (Vec<&'static str>, Result<Vec<
 
 /// A T joint in small views.
 fn scan(home: &Path) -> Job {
-    let command = ["simulate", "--part", "fillet", "--size", "320x240", "--quiet", "--out", "scan"];
+    scan_of("fillet", "320x240", home)
+}
+
+fn scan_of(part: &str, size: &str, home: &Path) -> Job {
+    let command = ["simulate", "--part", part, "--size", size, "--quiet", "--out", "scan"];
     ends_well(weldpath().args(command).current_dir(home));
     Job { input: Some(home.join("scan")), ..Job::default() }
 }
@@ -131,6 +135,60 @@ fn what_the_pipeline_is_told_or_given_begins_its_stages_again_and_undoing_it_doe
     assert!(moved.starts_with(&["scan", "normals"]), "{moved:?}");
     fs::write(&view, bytes).unwrap();
     assert_eq!(begins(&job), ["scan"], "as it was: what was found in it is kept");
+}
+
+/// Both ends of a line on the plate beside the first seam, so far from it, as a job says them.
+fn beside(found: &Searched<Recording>, off_mm: f64) -> String {
+    let stations = &found.plan.seams[0].stations;
+    let place = |k: usize| {
+        let station = &stations[k * (stations.len() - 1) / 10];
+        let p = station.position_mm + station.faces[0] * off_mm;
+        format!("[{:.1}, {:.1}, {:.1}]", p.x, p.y, p.z)
+    };
+    format!("[{}, {}]", place(2), place(8))
+}
+
+#[test]
+fn an_edit_of_one_seam_seeks_that_seam_alone_and_takes_a_fifth_of_a_plan() {
+    let home = tempfile::tempdir().unwrap();
+    let job = scan_of("cruciform", "480x360", home.path());
+    let kept = Kept::default();
+    let begun = Instant::now();
+    let found = find(&job, &kept).1.unwrap();
+    let whole = begun.elapsed();
+    let own = "[[seam]]\nid = 1\n";
+    let asked: &[&str] = &["asked", "toolpath"];
+    let line = |k: usize| beside(&found, 14.0 + k as f64);
+    let kinds: [(&str, &[&str], &dyn Fn(usize) -> String); 6] = [
+        ("an end", &[], &|k| format!("{own}path.extend_end_mm = -{k}")),
+        ("a joint type", &[], &|_| format!("{own}joint = \"lap\"")),
+        // The slowest: all kinds of evidence are looked through, and none makes a seam.
+        ("a seam that is asked for", asked, &|k| format!("[[ask]]\nbetween_mm = {}", line(k))),
+        ("a seam that is there", asked, &|k| format!("[[ask]]\nbetween_mm = {}", beside(&found, k as f64))),
+        ("a line that is drawn", asked, &|k| format!("[[draw]]\nthrough_mm = {}", line(k))),
+        ("a box", &["downsampling", "denoising", "seam", "toolpath"], &|k| {
+            format!("[exclude]\nboxes_mm = [[[0, 0, 0], [1, 1, {k}]]]")
+        }),
+    ];
+    for (edit, stages, text) in kinds {
+        // The least of a few: what else the machine does only adds.
+        let once = |k| {
+            let edited = with(&job, &text(k));
+            let begun = Instant::now();
+            let (began, found) = find(&edited, &kept);
+            let share = begun.elapsed().as_secs_f64() / whole.as_secs_f64();
+            assert_eq!(began, stages, "{edit}");
+            if k == 1 {
+                let ours = files(&found.unwrap(), &edited);
+                assert!(same(&ours, &outcome(&edited, &Kept::default()).1), "{edit}: {:?}", ours.err());
+            }
+            share
+        };
+        let share = (1..4).map(once).fold(1.0, f64::min);
+        println!("plan {whole:.1?}, after an edit of {edit} {:.1} % of it", 100.0 * share);
+        // A box changes the cloud in which all seams are sought.
+        assert!(share < 0.2 || edit == "a box", "{edit}: {share}");
+    }
 }
 
 /// xorshift64*, Vigna 2016.

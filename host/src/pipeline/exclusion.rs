@@ -51,29 +51,27 @@ impl Exclusion {
 /// A seam that a box or the background cuts to less than this is none any more, mm: as short as the shortest of a mesh.
 const SHORTEST_MM: f64 = 6.0;
 
-/// All that was scanned, and what of it is work.
-pub(super) struct Scene<'a> {
-    whole: Merged,
+/// What is work of all that was scanned, the `whole` of its functions.
+pub(super) struct Scene {
     /// What stays and what is left out; none where nothing is excluded.
     parts: Option<[Merged; 2]>,
-    exclusion: &'a Exclusion,
+    exclusion: Exclusion,
     background: Option<Background>,
     /// Points in boxes and beyond planes, and points on the background alone.
     counts: [usize; 2],
 }
 
-impl<'a> Scene<'a> {
+impl Scene {
     /// Parts the points.
     ///
     /// # Errors
     /// If none is left.
-    pub(super) fn new(whole: Merged, scale: &Scale, config: &'a Config) -> Result<Self, PlanError> {
+    pub(super) fn new(whole: &Merged, scale: &Scale, config: &Config) -> Result<Self, PlanError> {
         let exclusion = &config.exclusion;
-        let mut scene = Self { whole, parts: None, exclusion, background: None, counts: [0; 2] };
+        let mut scene = Self { parts: None, exclusion: exclusion.clone(), background: None, counts: [0; 2] };
         if exclusion.is_empty() {
             return Ok(scene);
         }
-        let whole = &scene.whole;
         let background = (!exclusion.background.is_empty())
             .then(|| Background::new(&exclusion.background, whole, scale, config))
             .transpose()?;
@@ -89,15 +87,15 @@ impl<'a> Scene<'a> {
         scene.background = background;
         let all = whole.points_mm.len();
         if scene.counts.iter().sum::<usize>() == all {
-            return Err(no_seam(scene.reason("nothing of the scan is left".into())));
+            return Err(no_seam(scene.reason(whole, "nothing of the scan is left".into())));
         }
-        scene.parts = Some(scene.whole.parted(&leave));
+        scene.parts = Some(whole.parted(&leave));
         Ok(scene)
     }
 
     /// The points in which seams are sought.
-    pub(super) fn work(&self) -> &Merged {
-        self.parts.as_ref().map_or(&self.whole, |[work, _]| work)
+    pub(super) fn work<'a>(&'a self, whole: &'a Merged) -> &'a Merged {
+        self.parts.as_ref().map_or(whole, |[work, _]| work)
     }
 
     /// The others; none where nothing is excluded.
@@ -106,9 +104,16 @@ impl<'a> Scene<'a> {
     }
 
     /// Shows the observer all that was scanned; edges were looked for in the work alone.
-    pub(super) fn show(&self, model: &Model, raw: &Grid, found: &Found, observer: &mut impl Observer) {
+    pub(super) fn show(
+        &self,
+        merged: &Merged,
+        model: &Model,
+        raw: &Grid,
+        found: &Found,
+        observer: &mut impl Observer,
+    ) {
         let (voxels, cloud) = model.scene();
-        let (merged, rejected) = (&self.whole, &found.warnings[..]);
+        let rejected = &found.warnings[..];
         if self.parts.is_none() {
             let (index, intensity) = (&model.index, &found.intensity[..]);
             observer.evidence(&Evidence { merged, raw, voxels, model: cloud, index, intensity, rejected });
@@ -123,15 +128,15 @@ impl<'a> Scene<'a> {
     }
 
     /// Why there is no seam, with what was left out.
-    pub(super) fn reason(&self, reason: String) -> String {
-        match self.words() {
+    pub(super) fn reason(&self, whole: &Merged, reason: String) -> String {
+        match self.words(whole) {
             Some(words) => format!("{reason}; {words}"),
             None => reason,
         }
     }
 
-    fn words(&self) -> Option<String> {
-        let all = self.whole.points_mm.len();
+    fn words(&self, whole: &Merged) -> Option<String> {
+        let all = whole.points_mm.len();
         let [named, before] = self.counts;
         let on_background = if self.background.is_some() {
             format!(", and {before} lie on the background")
@@ -152,10 +157,14 @@ impl<'a> Scene<'a> {
     }
 
     /// What was left out, for the summary.
-    pub(super) fn derived(&self) -> Vec<Derived> {
+    pub(super) fn derived(&self, whole: &Merged) -> Vec<Derived> {
         let count: usize = self.counts.iter().sum();
         let row = |how| Derived { name: "excluded_points".into(), value: count as f64, how };
-        self.words().map(row).into_iter().chain(self.background.as_ref().map(Background::derived)).collect()
+        self.words(whole)
+            .map(row)
+            .into_iter()
+            .chain(self.background.as_ref().map(Background::derived))
+            .collect()
     }
 
     /// Cuts from the seams of a mesh what is excluded: these come from facets, which are not parted.

@@ -15,6 +15,7 @@ use crate::seam::score::{edges, paper};
 use crate::seam::trace::support;
 use crate::seam::{Cues, Found, INDEX_VOXELS, Input, RawScan, Seam, SurfaceModel, extraction};
 use nalgebra::{Isometry3, Point3, Vector3};
+use std::sync::Arc;
 
 // All chosen on the simulated scans and on scans of other people.
 
@@ -44,9 +45,10 @@ pub(super) struct ScaleSearch<'a> {
 }
 
 /// What one size of voxels showed.
+#[derive(Clone)]
 pub(super) struct ScaleResult {
     pub scale: Scale,
-    pub model: Model,
+    pub model: Arc<Model>,
     pub found: Found,
     cues: Cues,
 }
@@ -75,11 +77,6 @@ impl Model {
     /// All that was scanned, thinned, before the filter and after it.
     pub(super) fn scene(&self) -> (&Voxels, &PointCloud) {
         self.whole.as_ref().map_or((&self.voxels, &self.cloud), |(voxels, cloud)| (voxels, cloud))
-    }
-
-    /// The filtered cloud of all that was scanned.
-    pub(super) fn into_scene(self) -> PointCloud {
-        self.whole.map_or(self.cloud, |(_, cloud)| cloud)
     }
 }
 
@@ -208,7 +205,7 @@ impl ScaleSearch<'_> {
         if let Some(oriented) = &model.oriented {
             found.only_oriented(oriented, &model.surface());
         }
-        Ok(ScaleResult { scale: *scale, model, found, cues })
+        Ok(ScaleResult { scale: *scale, model: Arc::new(model), found, cues })
     }
 
     /// The cloud thinned to voxels of one size, filtered, and indexed.

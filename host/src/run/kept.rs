@@ -35,6 +35,7 @@ struct Recent<T> {
 #[derive(Debug)]
 pub struct Shelf<T> {
     recent: Mutex<Recent<T>>,
+    most: usize,
     /// Where they outlive the program, and the ending of their names there.
     disk: Option<(Entries, &'static str)>,
 }
@@ -42,8 +43,13 @@ pub struct Shelf<T> {
 impl<T> Shelf<T> {
     /// One that is forgotten with the program.
     pub fn in_memory() -> Self {
+        Self::of_the_last(MOST_IN_MEMORY)
+    }
+
+    /// One that is forgotten with the program, and keeps so many of the last used results.
+    pub fn of_the_last(most: usize) -> Self {
         let recent = Recent { results: Vec::new(), unsaved: Vec::new() };
-        Self { recent: Mutex::new(recent), disk: None }
+        Self { recent: Mutex::new(recent), most, disk: None }
     }
 
     /// One that outlives it, in a folder of results, under names that end with `stage`. In memory alone where the system does
@@ -58,7 +64,8 @@ impl<T> Shelf<T> {
         self.recent.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn recent(&self, key: Key) -> Option<Arc<T>> {
+    /// What was found from the same, if it is in memory.
+    pub fn recent(&self, key: Key) -> Option<Arc<T>> {
         let results = &mut self.lock().results;
         let at = results.iter().position(|(own, _)| *own == key)?;
         let kept = results.remove(at);
@@ -67,11 +74,12 @@ impl<T> Shelf<T> {
         Some(result)
     }
 
-    fn remember(&self, key: Key, result: &Arc<T>) {
+    /// Keeps what was found in memory alone.
+    pub fn remember(&self, key: Key, result: &Arc<T>) {
         let results = &mut self.lock().results;
         results.retain(|(own, _)| *own != key);
         results.push((key, Arc::clone(result)));
-        let many = results.len().saturating_sub(MOST_IN_MEMORY);
+        let many = results.len().saturating_sub(self.most);
         results.drain(..many);
     }
 

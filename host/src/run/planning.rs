@@ -1,10 +1,11 @@
 //! The scan of a job, read and planned: the one way that the command and the page that edits a job both take.
 //!
 //! [`find`] does what has to be done, and no more: an edit of how seams are welded leaves what is read and what the pipeline is
-//! told as they are, and then neither is done again.
+//! told as they are, and then neither is done again; a seam that is asked for is sought in what is merged and found already.
 
 mod reading;
 mod search;
+mod steps;
 
 use std::path::Path;
 use std::sync::Arc;
@@ -16,22 +17,24 @@ use crate::input::{self, Scan};
 use crate::output::summary::Source;
 use crate::pipeline::{Observer, Plan, PlanError};
 use crate::run::job::Job;
-use crate::run::kept::{Shelf, content};
+use crate::run::kept::{Key, Shelf, content};
 use crate::run::verdict;
 
 use reading::Reading;
 pub use reading::read;
 pub use search::Search;
+use steps::Steps;
 
 /// Share of the time, in percent, that has usually passed when a stage begins, measured on the fixtures: a stage at a time
 /// says little about when it is over.
-pub const PASSED: [(&str, u64); 7] = [
+pub const PASSED: [(&str, u64); 8] = [
     ("scan", 0),
     ("normals", 3),
     ("reconstruction", 32),
     ("downsampling", 48),
     ("denoising", 62),
     ("seam", 67),
+    ("asked", 97),
     ("toolpath", 99),
 ];
 
@@ -59,18 +62,20 @@ pub struct Searched<R> {
 pub struct Kept<R> {
     readings: Shelf<Reading>,
     plans: Shelf<Searched<R>>,
+    steps: Steps,
 }
 
 impl<R> Default for Kept<R> {
     fn default() -> Self {
-        Self { readings: Shelf::in_memory(), plans: Shelf::in_memory() }
+        Self { readings: Shelf::in_memory(), plans: Shelf::in_memory(), steps: Steps::default() }
     }
 }
 
 impl<R> Kept<R> {
     /// What is kept in a folder of results, too, from one run of the program to the next.
     pub fn within(results: &Path) -> Self {
-        Self { readings: Shelf::within(results, "scan"), plans: Shelf::within(results, "plan") }
+        let (readings, plans) = (Shelf::within(results, "scan"), Shelf::within(results, "plan"));
+        Self { readings, plans, steps: Steps::default() }
     }
 }
 
@@ -79,6 +84,16 @@ impl<R: Record> Kept<R> {
     pub fn save(&self) {
         self.readings.save();
         self.plans.save();
+    }
+
+    fn keep(&self, key: Key, scan: &Scan, plan: Plan, seen: Option<R>) -> Arc<Searched<R>> {
+        let scan = Scan { background: Arc::default(), ..scan.without_points() };
+        let found = Arc::new(Searched { scan, plan, seen });
+        // Who saw nothing of the search would keep from others what they want to see.
+        if found.seen.is_some() {
+            self.plans.put(key, &found);
+        }
+        found
     }
 }
 
@@ -124,6 +139,10 @@ pub fn find<R: Record, O: Observer>(
         if let Some(found) = kept.plans.get(search.key(content)) {
             return Ok(found);
         }
+        if let Some(begun) = kept.steps.begun(&search, content) {
+            let plan = kept.steps.go_on(&begun, &search, content, observer)?;
+            return Ok(kept.keep(search.key(content), &begun.scan, plan, seen(observer)));
+        }
     }
     observer.stage("scan");
     let scan = read(job, allow_outside)?;
@@ -135,14 +154,8 @@ pub fn find<R: Record, O: Observer>(
     if let Some(found) = kept.plans.get(key) {
         return Ok(found);
     }
-    let plan = search.run(&scan, observer)?;
-    let scan = Scan { views: Vec::new(), background: Arc::default(), ..scan };
-    let found = Arc::new(Searched { scan, plan, seen: seen(observer) });
-    // Who saw nothing of the search would keep from others what they want to see.
-    if found.seen.is_some() {
-        kept.plans.put(key, &found);
-    }
-    Ok(found)
+    let plan = kept.steps.run(&search, &scan, content, observer)?;
+    Ok(kept.keep(key, &scan, plan, seen(observer)))
 }
 
 /// What the files of a run say about its input.

@@ -6,7 +6,7 @@
 
 mod line;
 
-use self::line::{AskedLine, REACH_MM};
+use self::line::{AskedLine, MEANT_MM, REACH_MM};
 use super::description::{is_sure_if_asked, left_out};
 use super::extraction::{
     STEP_ERROR_VOXELS, SeamConfig, corner_seam, refined, shows_better, shows_sheets, step_seam, traced,
@@ -17,10 +17,12 @@ use super::refine::{Refined, layers, overlap};
 use super::score::edges;
 use super::trace::chain::TraceConfig;
 use super::trace::corner::{self, CornerConfig};
+use super::trace::step::{self, StepModel};
 use super::trace::support::{self, Support};
-use super::trace::{Chain, InsideCorner, step};
+use super::trace::{Chain, InsideCorner};
 use super::{Joint, Seam};
 use nalgebra::Point3;
+use std::cell::OnceCell;
 
 /// What became of the wish for a seam.
 #[derive(Debug)]
@@ -60,7 +62,7 @@ pub fn find(input: &Input, places_mm: &[Point3<f64>], known: &[Seam], config: &S
     let taken =
         |seam: &Seam| -> Vec<Frame> { seam.stations.iter().map(|s| Frame::of(s, &origin_mm)).collect() };
     let known = known.iter().map(|seam| (seam.id, taken(seam))).collect();
-    let wish = Wish { input, line, known, config };
+    let wish = Wish { input, line, known, config, table: OnceCell::new() };
     wish.answer()
 }
 
@@ -70,6 +72,8 @@ struct Wish<'a> {
     line: AskedLine,
     known: Vec<(usize, Vec<Frame>)>,
     config: &'a SeamConfig,
+    /// Sought once, when it is asked for.
+    table: OnceCell<Option<Support>>,
 }
 
 impl Wish<'_> {
@@ -133,16 +137,16 @@ impl Wish<'_> {
         let mut corners = corner::corners_at(&self.input.model, at, config);
         corners.retain(|c| self.line.may_mean(&c.position, &c.direction));
         let table = self.table();
-        let is_on_table = |c: &InsideCorner| {
-            table.as_ref().is_some_and(|t| c.faces.iter().any(|face| t.is_face(face, &c.position)))
-        };
+        let is_on_table =
+            |c: &InsideCorner| table.is_some_and(|t| c.faces.iter().any(|face| t.is_face(face, &c.position)));
         let (on, off): (Vec<_>, Vec<_>) = corners.into_iter().partition(is_on_table);
         (off, on)
     }
 
     /// The table, if it is one: the lowest plane of a cropped cloud is part of the work.
-    fn table(&self) -> Option<Support> {
-        self.input.scan.has_whole_views().then(|| support::find(self.input.scene)).flatten()
+    fn table(&self) -> Option<&Support> {
+        let find = || self.input.scan.has_whole_views().then(|| support::find(self.input.scene)).flatten();
+        self.table.get_or_init(find).as_ref()
     }
 
     /// The chain that lies best, refined; why there is none, if something was there.
@@ -158,14 +162,16 @@ impl Wish<'_> {
             return Err(None);
         }
         let v = self.input.model.voxel_mm();
-        let cloud = &self.input.model.voxels.cloud;
+        let model = StepModel::new(&self.input.model.voxels.cloud, v);
         let plates = self.config.step;
-        let step = if shows_sheets(self.input) { plates.for_layers_of(cloud, v) } else { plates };
-        let mut corners = step::corners(cloud, v, &step);
+        let step = if shows_sheets(self.input) { plates.for_layers_of(&model) } else { plates };
+        let most_mm = MEANT_MM + step.reach_voxels() * v;
+        let line = &self.line;
+        let mut corners = step::corners_beside(&model, &step, |p| line.away_mm(p) <= most_mm);
         let table = self.table();
         corners.retain(|c| {
             self.line.may_mean(&c.position, &c.direction)
-                && !table.as_ref().is_some_and(|t| t.is_face(&c.faces[0], &c.position))
+                && !table.is_some_and(|t| t.is_face(&c.faces[0], &c.position))
         });
         let chains = traced(self.input, &corners, &self.config.trace);
         let refine = |chain: &Chain| layers::refine(&self.input.scan, chain, v, &self.config.refine, &step);

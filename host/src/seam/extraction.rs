@@ -12,7 +12,7 @@ use super::refine::{RefineConfig, Refined, bend, expected, layers, overlap, roun
 use super::score::edges;
 use super::trace::chain::{self, TraceConfig, Traced};
 use super::trace::corner::{self, CornerConfig};
-use super::trace::step::{self, StepConfig};
+use super::trace::step::{self, StepConfig, StepModel};
 use super::trace::support::{self, Support};
 use super::trace::{Chain, InsideCorner, loops, splice};
 use super::{Found, Joint, Seam, Station, facets};
@@ -234,9 +234,9 @@ fn is_beside(lap: &Seam, step: &Seam, voxel_mm: f32) -> bool {
 /// Seams by the second cue: plates and sheets on others, whose sides were not seen or are too narrow.
 fn step_seams(input: &Input, table: Option<&Support>, config: &SeamConfig) -> Vec<Seam> {
     let v = input.model.voxel_mm();
-    let cloud = &input.model.voxels.cloud;
+    let model = StepModel::new(&input.model.voxels.cloud, v);
     let seams = |layers: &StepConfig| {
-        let corners = Corners::parted(step::corners(cloud, v, layers), |c| {
+        let corners = Corners::parted(step::corners(&model, layers), |c| {
             table.is_some_and(|t| t.is_face(&c.faces[0], &c.position))
         });
         let chains = corners.chains(input, &config.trace);
@@ -252,7 +252,7 @@ fn step_seams(input: &Input, table: Option<&Support>, config: &SeamConfig) -> Ve
     if !shows_sheets(input) {
         return seams(&config.step);
     }
-    let sheets = seams(&config.step.for_layers_of(cloud, v));
+    let sheets = seams(&config.step.for_layers_of(&model));
     if sheets.is_empty() { seams(&config.step) } else { sheets }
 }
 

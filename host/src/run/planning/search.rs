@@ -1,5 +1,6 @@
 //! What decides which seams are found in a scan, and the search itself, which is given nothing else.
 
+use std::fmt::Debug;
 use std::sync::Arc;
 
 use crate::geometry::cloud::View;
@@ -26,6 +27,15 @@ pub struct Search {
     unused: Option<&'static str>,
 }
 
+/// The key of what this program finds in a scan if it is told this.
+fn key(scan: Key, told: &impl Debug) -> Key {
+    let mut digest = Digest::default();
+    digest.shown(&kept::program());
+    digest.key(scan);
+    digest.shown(told);
+    digest.end()
+}
+
 impl Search {
     /// As the job says it of a scan in this frame.
     pub fn new(job: &Job, frame: CloudFrame) -> Self {
@@ -41,11 +51,29 @@ impl Search {
 
     /// The key of what is found in the scan that has the key `scan`.
     pub fn key(&self, scan: Key) -> Key {
-        let mut digest = Digest::default();
-        digest.shown(&kept::program());
-        digest.key(scan);
-        digest.shown(self);
-        digest.end()
+        key(scan, self)
+    }
+
+    /// The same of its views merged.
+    pub(super) fn merge_key(&self, scan: Key) -> Key {
+        key(scan, &self.config.of_merge())
+    }
+
+    /// The same of the seams that show without asking.
+    pub(super) fn survey_key(&self, scan: Key) -> Key {
+        key(scan, &self.config.of_survey())
+    }
+
+    /// What the pipeline is told of a scan.
+    pub(super) fn config(&self, scan: &Scan) -> pipeline::Config {
+        let mut config = self.config.clone();
+        config.exclusion.background = Arc::clone(&scan.background);
+        config
+    }
+
+    /// Whether the scan is planned a second time, elsewhere.
+    pub(super) fn is_touched(&self) -> bool {
+        !self.touches.is_empty()
     }
 
     /// All seams of a scan.
@@ -53,16 +81,20 @@ impl Search {
     /// # Errors
     /// If there is none, or the observer wants no more.
     pub fn run(&self, scan: &Scan, observer: &mut impl Observer) -> Result<Plan, PlanError> {
-        let mut config = self.config.clone();
-        config.exclusion.background = Arc::clone(&scan.background);
+        let config = self.config(scan);
         let mut plan = pipeline::plan(&scan.views, &config, observer)?;
-        if !self.touches.is_empty() {
+        if self.is_touched() {
             plan = self.touched(&plan, scan, config, observer)?;
         }
+        Ok(self.with_words_of(scan, plan))
+    }
+
+    /// With what the scan itself gives to say.
+    pub(super) fn with_words_of(&self, scan: &Scan, mut plan: Plan) -> Plan {
         let unused = self.unused.map(str::to_owned);
         plan.warnings.splice(0..0, scan.warnings.iter().cloned().chain(unused));
         verdict::lower_confidence(&mut plan, scan);
-        Ok(plan)
+        plan
     }
 
     /// The plan of the same scan where the tip touched it: all poses are moved, and it is planned anew, so that everything which
@@ -95,14 +127,14 @@ mod tests {
     use super::*;
     use std::path::Path;
 
-    fn key(text: &str, frame: CloudFrame) -> Key {
+    fn key_of(text: &str, frame: CloudFrame) -> Key {
         let job = Job::parse(text, Path::new("job.toml")).unwrap();
         Search::new(&job, frame).key(Digest::default().end())
     }
 
     #[test]
     fn what_the_pipeline_is_told_is_in_the_key_and_how_seams_are_welded_is_not() {
-        let plain = key("", CloudFrame::Base);
+        let plain = key_of("", CloudFrame::Base);
         for text in [
             "[path]\nfeed_mm_s = 5\nstandoff_mm = 12",
             "formats = [\"abb\"]",
@@ -114,7 +146,7 @@ mod tests {
             "[weave]\nshape = \"sine\"",
             "[arc]\noutput = 3",
         ] {
-            assert_eq!(plain, key(text, CloudFrame::Base), "{text}");
+            assert_eq!(plain, key_of(text, CloudFrame::Base), "{text}");
         }
         for text in [
             "method = \"paper\"",
@@ -126,8 +158,8 @@ mod tests {
             "[[touch]]\nat_mm = [1, 2, 3]",
             "[[ask]]\nbetween_mm = [[0, 0, 0], [10, 0, 0]]",
         ] {
-            assert_ne!(plain, key(text, CloudFrame::Base), "{text}");
+            assert_ne!(plain, key_of(text, CloudFrame::Base), "{text}");
         }
-        assert_ne!(plain, key("", CloudFrame::Camera), "the anchor does not apply");
+        assert_ne!(plain, key_of("", CloudFrame::Camera), "the anchor does not apply");
     }
 }

@@ -6,6 +6,8 @@ use nalgebra::{Point3, Vector3};
 pub(super) const REACH_MM: f32 = 10.0;
 /// What a click's own place may be wrong by: the point of the cloud that is hit is beside the one that was meant, mm.
 const SLACK_MM: f32 = 1.0;
+/// A corner may be meant up to here, mm.
+pub(super) const MEANT_MM: f32 = REACH_MM + SLACK_MM;
 /// A corner is followed so far past both ends, to see whether the seam goes on there, mm.
 const PAST_MM: f32 = 2.0 * REACH_MM;
 /// Places nearer to each other than this show no direction, mm.
@@ -73,7 +75,7 @@ impl AskedLine {
     /// Whether a corner here, in this direction, may be of the seam that is meant.
     pub(super) fn may_mean(&self, p: &Point3<f32>, direction: &Vector3<f32>) -> bool {
         let foot = self.foot(p);
-        foot.away_mm <= REACH_MM + SLACK_MM && foot.direction.dot(direction).abs() >= ALONG
+        foot.away_mm <= MEANT_MM && foot.direction.dot(direction).abs() >= ALONG
     }
 
     /// Share of the line, without what a click may be off at either end, beside which these stations lie.

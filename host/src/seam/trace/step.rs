@@ -32,11 +32,16 @@ impl Default for StepConfig {
 }
 
 impl StepConfig {
+    /// How far the foot of a step is at most from a point that shows it, voxels: first onto the point's layer, then out to the edge
+    /// and down.
+    pub fn reach_voxels(&self) -> f32 {
+        self.layer + EDGE_VOXELS.hypot(self.height.1)
+    }
+
     /// The same for layers as even as those of a model: the lower the noise, the thinner the sheet whose edge shows.
-    pub fn for_layers_of(&self, model: &PointCloud, voxel_mm: f32) -> Self {
-        let grid = Grid::new(&model.points_mm, CELL_VOXELS * voxel_mm);
-        let normals = grid.by_slot(&model.normals);
-        let layers = Layers { grid: &grid, normals: &normals, voxel_mm, config: self };
+    pub fn for_layers_of(&self, model: &StepModel) -> Self {
+        let StepModel { grid, voxel_mm, .. } = model;
+        let layers = Layers::of(model, self);
         let every = (grid.len() / SCATTER_SAMPLE).max(1);
         let scatter = |slot| layers.scatter_mm(slot);
         let mut scatter_mm: Vec<f32> =
@@ -44,7 +49,7 @@ impl StepConfig {
         if scatter_mm.is_empty() {
             return *self;
         }
-        let layer = LAYER_DEVIATIONS * median(&mut scatter_mm) / voxel_mm;
+        let layer = LAYER_DEVIATIONS * median(&mut scatter_mm) / *voxel_mm;
         let layer = layer.clamp(LEAST_LAYER.min(self.layer), self.layer);
         let least = self.height.0 * layer / self.layer;
         Self { layer, height: (least, self.height.1), ..*self }
@@ -94,11 +99,37 @@ const BALL_VOXELS: f32 = 3.5;
 const DENSE_POINTS: usize = 8;
 const DENSE_VOXELS: f32 = 0.7;
 
+/// A model in which steps are looked for.
+pub struct StepModel {
+    grid: Grid,
+    /// By slot.
+    normals: Vec<Vector3<f32>>,
+    voxel_mm: f32,
+}
+
+impl StepModel {
+    /// Of a cloud in voxels of this size.
+    pub fn new(cloud: &PointCloud, voxel_mm: f32) -> Self {
+        let grid = Grid::new(&cloud.points_mm, CELL_VOXELS * voxel_mm);
+        let normals = grid.by_slot(&cloud.normals);
+        Self { grid, normals, voxel_mm }
+    }
+}
+
 /// Corners at the feet of the steps in a model.
-pub fn corners(model: &PointCloud, voxel_mm: f32, config: &StepConfig) -> Vec<InsideCorner> {
-    let grid = &Grid::new(&model.points_mm, CELL_VOXELS * voxel_mm);
-    let layers = Layers { grid, normals: &grid.by_slot(&model.normals), voxel_mm, config };
-    (0..grid.len()).into_par_iter().filter_map(|slot| layers.step(slot)).collect()
+pub fn corners(model: &StepModel, config: &StepConfig) -> Vec<InsideCorner> {
+    corners_beside(model, config, |_| true)
+}
+
+/// The same of the points that are `asked`.
+pub fn corners_beside(
+    model: &StepModel,
+    config: &StepConfig,
+    asked: impl Fn(&Point3<f32>) -> bool + Sync,
+) -> Vec<InsideCorner> {
+    let (grid, layers) = (&model.grid, Layers::of(model, config));
+    let slots = (0..grid.len()).into_par_iter().filter(|&slot| asked(&grid.point(slot)));
+    slots.filter_map(|slot| layers.step(slot)).collect()
 }
 
 /// The layers of a model, asked for where they end.
@@ -110,7 +141,12 @@ struct Layers<'a> {
     config: &'a StepConfig,
 }
 
-impl Layers<'_> {
+impl<'a> Layers<'a> {
+    fn of(model: &'a StepModel, config: &'a StepConfig) -> Self {
+        let StepModel { grid, normals, voxel_mm } = model;
+        Self { grid, normals, voxel_mm: *voxel_mm, config }
+    }
+
     /// The foot of the step beside a point of an upper layer.
     fn step(&self, slot: usize) -> Option<InsideCorner> {
         let v = self.voxel_mm;
