@@ -3,7 +3,6 @@
 //! [`Recording`] keeps of a running pipeline what the plan itself forgets; [`files`] turns both into the page: a JSON
 //! block with every number, a binary block with the points, and the bundled script of `web/`. Shape: `docs/formats.md`.
 
-mod arm;
 mod colour;
 mod content;
 mod deviation;

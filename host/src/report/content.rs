@@ -1,17 +1,17 @@
 //! The page's JSON and binary blocks. Schema: `docs/formats.md`.
 
-use super::arm::ArmDrawing;
 use super::colour;
 use super::histogram::Histogram;
 use super::points::{self, INTENSITY_FULL, Layer};
 use super::run::Run;
+use crate::output::arm::ArmDrawing;
 use crate::output::summary::Summary;
 use crate::pipeline::Plan;
 use crate::run::job::MethodName;
 use crate::seam::Seam;
 use crate::weld::air;
 use crate::weld::program::{Kind, Waypoint};
-use nalgebra::{Point3, UnitQuaternion, Vector3};
+use nalgebra::{Point3, Vector3};
 use serde::Serialize;
 
 /// Most waypoints in the page; the files hold all.
@@ -211,14 +211,9 @@ fn shown(waypoints: &[Waypoint]) -> impl Iterator<Item = usize> + '_ {
 }
 
 fn row(w: &Waypoint) -> Row {
-    let [x, y, z] = rounded(w.position_mm.into());
-    let [qw, qx, qy, qz] = rounded_turn(&w.base_from_torch);
+    let ([x, y, z], q) = (rounded(w.position_mm.into()), w.base_from_torch);
+    let [qw, qx, qy, qz] = [q.w, q.i, q.j, q.k].map(|v| (v * 1e6).round() / 1e6);
     (x, y, z, qw, qx, qy, qz, w.feed_mm_s, w.seam.unwrap_or(0), w.kind)
-}
-
-/// w, x, y, z, to 1e-6.
-pub(super) fn rounded_turn(q: &UnitQuaternion<f64>) -> [f64; 4] {
-    [q.w, q.i, q.j, q.k].map(|v| (v * 1e6).round() / 1e6)
 }
 
 /// To the micrometre.
@@ -229,6 +224,7 @@ pub(super) fn rounded(p_mm: [f64; 3]) -> [f64; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nalgebra::UnitQuaternion;
 
     fn waypoint(i: usize, seam: usize) -> Waypoint {
         Waypoint {

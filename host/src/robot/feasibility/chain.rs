@@ -21,14 +21,14 @@ const WRIST_SHARE: f64 = 0.7;
 
 /// What a joint turns about.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Axis {
+pub struct JointAxis {
     /// A place on it.
     pub at_mm: Point3<f64>,
     /// A positive angle turns about this by the right-hand rule.
     pub direction: Unit<Vector3<f64>>,
 }
 
-impl Axis {
+impl JointAxis {
     /// Of a turn by a right angle.
     fn of(quarter: &Isometry3<f64>) -> Self {
         let shift_mm = quarter.translation.vector;
@@ -56,9 +56,9 @@ impl Axis {
 
 /// An arm with all joints at zero.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Chain {
+pub struct LinkChain {
     /// One per joint.
-    pub axes: [Axis; 6],
+    pub axes: [JointAxis; 6],
     /// Lines from axis to axis through what each joint carries; first through what stands still, from the base.
     pub links_mm: [Vec<Point3<f64>>; 7],
     /// Where the flange is.
@@ -67,14 +67,14 @@ pub struct Chain {
     pub radii_mm: [f64; 2],
 }
 
-impl Chain {
+impl LinkChain {
     /// Of an arm.
     pub fn of(arm: &Arm) -> Self {
         let base_from_flange = arm.forward(&[0.0; 6]);
         let axes = std::array::from_fn(|joint| {
             let mut joints_rad = [0.0; 6];
             joints_rad[joint] = FRAC_PI_2;
-            Axis::of(&(arm.forward(&joints_rad) * base_from_flange.inverse()))
+            JointAxis::of(&(arm.forward(&joints_rad) * base_from_flange.inverse()))
         });
         let links_mm = links_mm(&axes, &base_from_flange);
         let long_mm: f64 = links_mm[2..4].iter().map(|link| length_mm(link)).sum();
@@ -84,7 +84,7 @@ impl Chain {
 }
 
 /// Along each axis to the place where it is nearest to the next one, and from there to that one.
-fn links_mm(axes: &[Axis; 6], base_from_flange: &Isometry3<f64>) -> [Vec<Point3<f64>>; 7] {
+fn links_mm(axes: &[JointAxis; 6], base_from_flange: &Isometry3<f64>) -> [Vec<Point3<f64>>; 7] {
     let flange_mm = Point3::from(base_from_flange.translation.vector);
     let mut reached_mm = Point3::origin();
     std::array::from_fn(|link| {
@@ -115,12 +115,12 @@ mod tests {
     use proptest::prelude::*;
 
     /// What joints up to this one do to what they carry.
-    fn carried(chain: &Chain, joints_rad: &[f64]) -> Isometry3<f64> {
-        let turn = |(axis, &angle): (&Axis, &f64)| {
+    fn carried(chain: &LinkChain, joints_rad: &[f64]) -> Isometry3<f64> {
+        let turn = |(axis, &angle): (&JointAxis, &f64)| {
             let about = Translation3::from(axis.at_mm.coords);
             about * UnitQuaternion::from_axis_angle(&axis.direction, angle) * about.inverse()
         };
-        chain.axes.iter().zip(joints_rad).map(turn).product()
+        chain.axes.iter().zip(joints_rad).map(turn).fold(Isometry3::identity(), |base, turn| base * turn)
     }
 
     proptest! {
@@ -128,7 +128,7 @@ mod tests {
         fn the_axes_carry_the_flange_where_the_forward_kinematics_do(joints in prop::array::uniform6(-3.1..3.1f64)) {
             for name in NAMES {
                 let arm = by_name(name).unwrap();
-                let chain = Chain::of(&arm);
+                let chain = LinkChain::of(&arm);
                 let (drawn, truth) = (carried(&chain, &joints) * chain.base_from_flange, arm.forward(&joints));
                 let off_mm = (drawn.translation.vector - truth.translation.vector).norm();
                 prop_assert!(off_mm < 1e-6 && drawn.rotation.angle_to(&truth.rotation) < 1e-9, "{name}: {off_mm} mm");
@@ -138,7 +138,7 @@ mod tests {
         #[test]
         fn each_link_ends_where_the_next_begins_however_the_joints_stand(joints in prop::array::uniform6(-3.1..3.1f64)) {
             for name in NAMES {
-                let chain = Chain::of(&by_name(name).unwrap());
+                let chain = LinkChain::of(&by_name(name).unwrap());
                 let end = |link: usize, place: Point3<f64>| carried(&chain, &joints[..link]) * place;
                 for link in 0..6 {
                     let (this, next) = (&chain.links_mm[link], &chain.links_mm[link + 1]);
@@ -152,7 +152,7 @@ mod tests {
     #[test]
     fn the_links_are_as_long_as_the_parameters_say() {
         let lengths = |name: &str| -> Vec<f64> {
-            Chain::of(&by_name(name).unwrap()).links_mm.iter().map(|link| length_mm(link)).collect()
+            LinkChain::of(&by_name(name).unwrap()).links_mm.iter().map(|link| length_mm(link)).collect()
         };
         // d1, then a2, a3, d4, d5, d6; and c1, a1 with c2, ..., c4.
         for (name, truth) in [

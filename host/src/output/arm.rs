@@ -4,10 +4,9 @@
 use nalgebra::{Isometry3, Point3};
 use serde::Serialize;
 
-use super::content::{rounded, rounded_turn};
 use crate::robot::feasibility::PlacedArm;
 use crate::robot::feasibility::arm::Joints;
-use crate::robot::feasibility::chain::{Axis, Chain};
+use crate::robot::feasibility::chain::{JointAxis, LinkChain};
 use crate::weld::program::Waypoint;
 
 /// A pose: x, y, z in mm and the quaternion w, x, y, z.
@@ -15,7 +14,7 @@ type Pose = [f64; 7];
 
 /// `arm` of the page's content. Places and poses are in the robot's frame with all joints at zero, but for the first.
 #[derive(Serialize)]
-pub(super) struct ArmDrawing {
+pub struct ArmDrawing {
     name: String,
     base_from_robot: Pose,
     /// A place on the axis of each joint, mm, and its direction.
@@ -30,8 +29,8 @@ pub(super) struct ArmDrawing {
 
 impl ArmDrawing {
     /// Along the waypoints, of which the page has those that are `shown`.
-    pub(super) fn new(arm: &PlacedArm, waypoints: &[Waypoint], shown: &[usize]) -> Self {
-        let Chain { axes, links_mm, base_from_flange, radii_mm } = Chain::of(&arm.arm);
+    pub fn new(arm: &PlacedArm, waypoints: &[Waypoint], shown: &[usize]) -> Self {
+        let LinkChain { axes, links_mm, base_from_flange, radii_mm } = LinkChain::of(&arm.arm);
         let mut motion = arm.motion(waypoints);
         let joints_rad = shown.iter().enumerate().map(|(k, &i)| {
             let mut joints_rad = std::mem::take(&mut motion[i]);
@@ -39,7 +38,7 @@ impl ArmDrawing {
             if k > 0 && shown[k - 1] + 1 != i {
                 joints_rad.drain(..joints_rad.len() - 1);
             }
-            joints_rad.into_iter().map(|joints| joints.map(|angles| angles.map(rounded_angle))).collect()
+            joints_rad.into_iter().map(|joints| joints.map(|angles| rounded(angles, PER_RAD))).collect()
         });
         Self {
             name: arm.arm.name.clone(),
@@ -53,22 +52,26 @@ impl ArmDrawing {
     }
 }
 
+/// Steps of what is written: a micrometre; 1e-6 rad, which is a micrometre at the reach of an arm, and the same of a quaternion.
+const PER_MM: f64 = 1e3;
+const PER_RAD: f64 = 1e6;
+
+fn rounded<const N: usize>(values: [f64; N], steps: f64) -> [f64; N] {
+    values.map(|v| (v * steps).round() / steps + 0.0)
+}
+
 fn place(p: Point3<f64>) -> [f64; 3] {
-    rounded(p.into())
+    rounded(p.into(), PER_MM)
 }
 
 fn pose(pose: &Isometry3<f64>) -> Pose {
-    let ([x, y, z], [qw, qx, qy, qz]) =
-        (rounded(pose.translation.vector.into()), rounded_turn(&pose.rotation));
+    let q = pose.rotation;
+    let [x, y, z] = place(pose.translation.vector.into());
+    let [qw, qx, qy, qz] = rounded([q.w, q.i, q.j, q.k], PER_RAD);
     [x, y, z, qw, qx, qy, qz]
 }
 
-fn axis(axis: Axis) -> [f64; 6] {
+fn axis(axis: JointAxis) -> [f64; 6] {
     let ([x, y, z], d) = (place(axis.at_mm), axis.direction);
     [x, y, z, d.x, d.y, d.z]
-}
-
-/// To 1e-6 rad: a micrometre at the reach of an arm.
-fn rounded_angle(rad: f64) -> f64 {
-    (rad * 1e6).round() / 1e6
 }
