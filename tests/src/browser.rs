@@ -60,7 +60,7 @@ impl Browser {
         let home = tempfile::tempdir().expect("a folder");
         let file = home.path().join("page.html");
         std::fs::write(&file, page).expect("the page is written");
-        Self::at(chromium, home, &format!("file://{}", file.display()))
+        Self::at(chromium, home, &format!("file://{}", file.display()), "")
     }
 
     /// Opens the page at an address and waits until it is loaded.
@@ -68,10 +68,18 @@ impl Browser {
     /// # Panics
     /// If the browser does not start.
     pub fn visit(chromium: &Path, address: &str) -> Self {
-        Self::at(chromium, tempfile::tempdir().expect("a folder"), address)
+        Self::visit_after(chromium, address, "")
     }
 
-    fn at(chromium: &Path, home: tempfile::TempDir, address: &str) -> Self {
+    /// The same, with a script that runs before those of the page.
+    ///
+    /// # Panics
+    /// If the browser does not start.
+    pub fn visit_after(chromium: &Path, address: &str, script: &str) -> Self {
+        Self::at(chromium, tempfile::tempdir().expect("a folder"), address, script)
+    }
+
+    fn at(chromium: &Path, home: tempfile::TempDir, address: &str, script: &str) -> Self {
         let mut child = Command::new("sh")
             .args(["-c", START])
             .arg(chromium)
@@ -91,6 +99,7 @@ impl Browser {
             browser.call(&format!("{domain}.enable"), json!({}));
         }
         browser.resize(1440, 900);
+        browser.call("Page.addScriptToEvaluateOnNewDocument", json!({ "source": script }));
         browser.call("Page.navigate", json!({ "url": address }));
         while !browser.events.iter().any(|event| event["method"] == "Page.loadEventFired") {
             let event = browser.read();
@@ -176,6 +185,15 @@ impl Browser {
     /// If the browser makes none.
     pub fn screenshot(&mut self) -> Vec<u8> {
         let picture = self.call("Page.captureScreenshot", json!({ "captureBeyondViewport": true }));
+        STANDARD.decode(picture["data"].as_str().expect("a picture")).expect("base64")
+    }
+
+    /// A picture of the window as it is scrolled: WebP.
+    ///
+    /// # Panics
+    /// If the browser makes none.
+    pub fn photograph(&mut self) -> Vec<u8> {
+        let picture = self.call("Page.captureScreenshot", json!({ "format": "webp", "quality": 50 }));
         STANDARD.decode(picture["data"].as_str().expect("a picture")).expect("base64")
     }
 

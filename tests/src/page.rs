@@ -21,20 +21,33 @@ const READY: &str = "document.querySelector('#settings details') && document.get
 impl Page {
     /// A cross of plates, simulated into a folder with this name and planned.
     pub fn open(chromium: &Path, input: &str) -> Self {
+        let mut page = Self::open_after(chromium, input, "");
+        page.wait_for_plan(0);
+        page
+    }
+
+    /// The same, with a script that runs before those of the page, which may say other words.
+    pub fn open_after(chromium: &Path, input: &str, script: &str) -> Self {
         let home = tempfile::tempdir().unwrap();
         let scan = ["simulate", "--part", "cruciform", "--size", "320x240", "--quiet", "--out", input];
         ends_well(weldpath().args(scan).current_dir(home.path()));
-        let mut page = Self::visit(chromium, home, &[input]);
-        page.wait_for_plan(0);
+        let mut page = Self::visit_after(chromium, home, &[input], script);
+        page.browser
+            .wait_for(&format!("Number(document.getElementById('editor').dataset.plan) > 0 && {READY}"));
         page
     }
 
     /// `weldpath open` of these inputs in a folder.
     pub fn visit(chromium: &Path, home: tempfile::TempDir, inputs: &[&str]) -> Self {
+        Self::visit_after(chromium, home, inputs, "")
+    }
+
+    /// The same, with a script that runs before those of the page.
+    pub fn visit_after(chromium: &Path, home: tempfile::TempDir, inputs: &[&str], script: &str) -> Self {
         let mut running =
             Running::start(weldpath().args(["open", "--no-browser"]).args(inputs).current_dir(home.path()));
         let address = running.wait_for(&["http://127.0.0.1:"]);
-        let browser = Browser::visit(chromium, &address);
+        let browser = Browser::visit_after(chromium, &address, script);
         Self { _running: running, home, browser }
     }
 

@@ -16,7 +16,7 @@ fn web() -> PathBuf {
 #[test]
 fn the_bundle_of_the_editor_is_built_from_the_sources_beside_it() {
     let sum = std::process::Command::new("sh")
-        .args(["-c", "cat editor/src/*.js src/dom.js package-lock.json | cksum"])
+        .args(["-c", "cat editor/src/*.js src/dom.js src/texts.js package-lock.json | cksum"])
         .current_dir(web())
         .output();
     let sum = String::from_utf8(sum.expect("sh and cksum").stdout).unwrap().trim().replace(' ', "-");

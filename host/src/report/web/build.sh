@@ -12,7 +12,7 @@ bundle() {
         --banner:js="/* weldpath $3, sources $4 */" --outfile="dist/$3.js"
 }
 bundle src/main.js iife report "$(cat src/*.js package-lock.json | cksum | tr ' ' '-')"
-editor=$(cat editor/src/*.js src/dom.js package-lock.json | cksum | tr ' ' '-')
+editor=$(cat editor/src/*.js src/dom.js src/texts.js package-lock.json | cksum | tr ' ' '-')
 bundle editor/src/main.js iife editor "$editor"
 bundle editor/src/start.js iife start "$editor"
 cp node_modules/three/LICENSE dist/LICENSE-three.txt

@@ -2,6 +2,7 @@
 
 import { el, svg } from "./dom.js";
 import { number } from "./content.js";
+import { TEXTS } from "./texts.js";
 
 const [WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM] = [440, 220, 46, 14, 18, 40];
 
@@ -44,13 +45,13 @@ function mark({ root, px, bottom }, { at, text }, row = 0) {
 export function histogram({ low, high, counts }, { label, marks = [], decided }) {
   const most = Math.max(...counts, 1);
   const total = counts.reduce((a, b) => a + b, 0);
-  const chart = frame({ x: { low, high, label }, y: { low: 0, high: (100 * most) / total, label: "share of points, %" }, summary: `Histogram: ${label}` });
+  const chart = frame({ x: { low, high, label }, y: { low: 0, high: (100 * most) / total, label: TEXTS.share }, summary: TEXTS.histogram(label) });
   const width = (high - low) / counts.length;
   counts.forEach((count, k) => {
     const [from, to] = [chart.px(low + k * width), chart.px(low + (k + 1) * width)];
     const y = chart.py((100 * count) / total);
     const bar = svg("rect", { class: decided !== undefined && low + (k + 0.5) * width < decided ? "fill dim" : "fill", x: from + 0.5, y, width: Math.max(to - from - 1, 0.5), height: Math.max(chart.bottom - y, 0) });
-    bar.append(svg("title", {}, `${number(low + k * width)} to ${number(low + (k + 1) * width)}: ${((100 * count) / total).toFixed(1)} %`));
+    bar.append(svg("title", {}, TEXTS.barTitle(number(low + k * width), number(low + (k + 1) * width), ((100 * count) / total).toFixed(1))));
     chart.root.append(bar);
   });
   marks.filter(({ at }) => at >= low && at <= high).forEach((m, row) => mark(chart, m, row));
@@ -58,7 +59,7 @@ export function histogram({ low, high, counts }, { label, marks = [], decided })
 }
 
 export function lines(series, { x, y, levels = [] }) {
-  const chart = frame({ x, y, summary: `${y.label} over ${x.label}` });
+  const chart = frame({ x, y, summary: TEXTS.over(y.label, x.label) });
   for (const { at, text } of levels) {
     chart.root.append(svg("path", { class: "mark", d: `M${LEFT} ${chart.py(at)}H${WIDTH - RIGHT}` }),
       svg("text", { class: "mark-text", x: WIDTH - RIGHT, y: chart.py(at) - 5, "text-anchor": "end" }, text));
@@ -67,7 +68,7 @@ export function lines(series, { x, y, levels = [] }) {
     const known = points.filter(([, v]) => v !== null && Number.isFinite(v));
     const path = known.map(([u, v], i) => `${i ? "L" : "M"}${chart.px(u).toFixed(1)} ${chart.py(Math.min(v, y.high)).toFixed(1)}`).join("");
     const last = known[known.length - 1];
-    const line = svg("path", { class: "series", d: path, stroke: colour }, svg("title", {}, last ? `${name}: ends at ${number(last[1])}` : name));
+    const line = svg("path", { class: "series", d: path, stroke: colour }, svg("title", {}, last ? TEXTS.endsAt(name, number(last[1])) : name));
     chart.root.append(line);
     if (known.length === 1) chart.root.append(svg("circle", { cx: chart.px(last[0]), cy: chart.py(last[1]), r: 3.5, fill: colour }));
   }

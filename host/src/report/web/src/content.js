@@ -1,5 +1,7 @@
 // What the page was given: numbers as JSON, points as one binary block.
 
+import { TEXTS } from "./texts.js";
+
 const text = (id) => document.getElementById(id).textContent;
 
 export const content = JSON.parse(text("content"));
@@ -50,20 +52,20 @@ export const viewColour = (k) => COLOURS[k % COLOURS.length];
 const UNITS = [["_mm_s", "mm/s"], ["_mm2", "mm²"], ["_mm", "mm"], ["_deg", "°"], ["_rad", "rad"], ["_kg", "kg"], ["_s", "s"]];
 export function label(key) {
   const [ending, unit] = UNITS.find(([ending]) => key.endsWith(ending)) ?? ["", ""];
-  return { name: key.slice(0, key.length - ending.length).replaceAll("_", " "), unit };
+  return { name: TEXTS.keys[key] ?? key.slice(0, key.length - ending.length).replaceAll("_", " "), unit };
 }
 
 // Three significant digits, and no more decimals than a reader needs.
 export function number(value) {
-  if (value === null || value === undefined || !Number.isFinite(value)) return "unknown";
+  if (value === null || value === undefined || !Number.isFinite(value)) return TEXTS.unknown;
   if (Number.isInteger(value)) return String(value);
   const size = Math.abs(value);
   return value.toFixed(size >= 100 ? 0 : size >= 10 ? 1 : size >= 0.1 || size === 0 ? 2 : 3);
 }
-export const percent = (share) => (share === null || share === undefined ? "unknown" : `${Math.round(100 * share)} %`);
+export const percent = (share) => (share === null || share === undefined ? TEXTS.unknown : `${Math.round(100 * share)} %`);
 export function duration(s) {
-  if (s < 90) return `${s.toFixed(1)} s`;
-  if (s > 5400) return `${(s / 3600).toFixed(1)} h`;
-  return `${Math.floor(s / 60)} min ${String(Math.round(s % 60)).padStart(2, "0")} s`;
+  if (s < 90) return TEXTS.seconds(s.toFixed(1));
+  if (s > 5400) return TEXTS.hours((s / 3600).toFixed(1));
+  return TEXTS.minutes(Math.floor(s / 60), String(Math.round(s % 60)).padStart(2, "0"));
 }
 export const place = (p) => p.map((v) => v.toFixed(1)).join(", ");

@@ -5,6 +5,7 @@ import { content, deviation, duration, layers, number, place, seams, takeContent
 import { Scene } from "./scene.js";
 import { readProgram, torchAt, total_s, waypoints, weldOf, welds } from "./program.js";
 import * as panel from "./panel.js";
+import { LANGUAGE, PAGE, TEXTS } from "./texts.js";
 
 const state = { time_s: 0, seam: null, playing: false, colouring: 0, cloud: "model" };
 let scene = null;
@@ -13,9 +14,10 @@ let tags = [];
 // What a link or a test may ask for: #seam=2&colour=intensity&cloud=raw&look=top&theme=dark&t=12&show=cameras
 const wish = new URLSearchParams(location.hash.slice(1));
 
-const COLOURS = ["height", "edge intensity", "normals", "view", "work of the filter"];
-const CLOUDS = [["model", "denoised"], ["unfiltered", "before the filter"], ["raw", "raw scan"]];
-const SHOWN = [["frames", "torch frames", true], ["way", "air moves", true], ["torch", "torch", true], ["arm", "robot", true], ["truth", "truth (white)", true], ["cameras", "cameras", false]];
+const COLOURINGS = ["height", "intensity", "normals", "view", "filter"];
+const CLOUDS = ["model", "unfiltered", "raw"];
+// What can be hidden, and whether it is shown at first.
+const SHOWN = [["frames", true], ["way", true], ["torch", true], ["arm", true], ["truth", true], ["cameras", false]];
 
 function select(id, move = true) {
   const seam = seams.find((s) => s.id === id);
@@ -34,18 +36,18 @@ function seek(time_s) {
   const torch = torchAt(state.time_s);
   state.torch_mm = torch.position_mm.toArray();
   $("slider").value = state.time_s;
-  const doing = { weld: torch.arc ? "welding" : "at the seam", approach: "approach", retract: "retract", air: "air move" }[torch.kind];
-  $("slider").setAttribute("aria-valuetext", `${number(state.time_s)} seconds, ${doing}`);
+  const doing = TEXTS.doing[torch.kind === "weld" && !torch.arc ? "still" : torch.kind];
+  $("slider").setAttribute("aria-valuetext", TEXTS.sliderAt(number(state.time_s), doing));
   const item = (name, value) => el("span", {}, `${name} `, el("b", {}, value));
   const weld = torch.arc && weldOf(torch.seam);
   $("readout").replaceChildren(...[
-    item("", `${duration(state.time_s)} of ${duration(total_s)}`),
-    item("", torch.seam && torch.kind !== "air" ? `seam ${torch.seam}, ${doing}` : doing),
-    weld && item("along", `${number(torch.s_mm)} of ${number(waypoints[weld.end].s_mm)} mm`),
-    item("feed", `${number(torch.feed_mm_s)} mm/s`),
-    item("x, y, z", `${place(state.torch_mm)} mm`),
-    torch.joints_rad && item("joints", `${torch.joints_rad.map((angle) => Math.round((180 * angle) / Math.PI)).join(", ")}°`),
-    torch.joints_rad === null && item(content.arm.name, "does not reach this pose: the robot is not drawn"),
+    item("", TEXTS.timeOf(duration(state.time_s), duration(total_s))),
+    item("", torch.seam && torch.kind !== "air" ? TEXTS.seamDoing(torch.seam, doing) : doing),
+    weld && item(TEXTS.along, TEXTS.alongOf(number(torch.s_mm), number(waypoints[weld.end].s_mm))),
+    item(TEXTS.feed, `${number(torch.feed_mm_s)} mm/s`),
+    item(TEXTS.xyz, `${place(state.torch_mm)} mm`),
+    torch.joints_rad && item(TEXTS.joints, `${torch.joints_rad.map((angle) => Math.round((180 * angle) / Math.PI)).join(", ")}°`),
+    torch.joints_rad === null && item(content.arm.name, TEXTS.notReached),
   ].filter(Boolean));
   scene?.moveTorch(torch);
 }
@@ -53,7 +55,7 @@ function seek(time_s) {
 function play(on) {
   state.playing = on && total_s > 0;
   $("play").textContent = state.playing ? "❚❚" : "▶";
-  $("play").setAttribute("aria-label", state.playing ? "Pause" : "Play");
+  $("play").setAttribute("aria-label", state.playing ? TEXTS.pause : TEXTS.play);
   if (!state.playing) return;
   if (state.time_s >= total_s) seek(0);
   let before;
@@ -88,21 +90,21 @@ function bands() {
 }
 
 function tools() {
-  const choice = (name, options, chosen, onchange) => el("label", {}, name,
-    el("select", { id: name.replace(" ", "-"), onchange }, options.map(([value, text]) => el("option", { value, selected: value === chosen }, text))));
-  const boxes = SHOWN.map(([name, text, on]) => {
+  const choice = (id, name, options, chosen, onchange) => el("label", {}, name,
+    el("select", { id, onchange }, options.map(([value, text]) => el("option", { value, selected: value === chosen }, text))));
+  const boxes = SHOWN.map(([name, on]) => {
     const shown = on || Boolean(wish.get("show")?.split(",").includes(name));
     scene.show(name, shown);
-    return el("label", {}, el("input", { type: "checkbox", id: `show-${name}`, checked: shown, onchange: (event) => scene.show(name, event.target.checked) }), text);
+    return el("label", {}, el("input", { type: "checkbox", id: `show-${name}`, checked: shown, onchange: (event) => scene.show(name, event.target.checked) }), TEXTS.shown[name]);
   });
-  const colourings = COLOURS.map((name, k) => [String(k), name]);
+  const colourings = COLOURINGS.map((name, k) => [String(k), TEXTS.colourings[name]]);
   $("tools").append(
-    choice("cloud", CLOUDS.filter(([value]) => value !== "raw" || scene.groups.raw), state.cloud, (event) => cloud(event.target.value)),
-    choice("colour by", colourings, String(state.colouring), (event) => colouring(Number(event.target.value))),
+    choice("cloud", TEXTS.cloud, CLOUDS.filter((name) => name !== "raw" || scene.groups.raw).map((name) => [name, TEXTS.clouds[name]]), state.cloud, (event) => cloud(event.target.value)),
+    choice("colour-by", TEXTS.colourBy, colourings, String(state.colouring), (event) => colouring(Number(event.target.value))),
     ...boxes);
   $("tools").addEventListener("submit", (event) => event.preventDefault());
-  for (const [from, text] of [["home", "⌂"], ["top", "top"], ["front", "front"], ["side", "side"]]) {
-    $("looks").append(el("button", { type: "button", title: from === "home" ? "All seams (F)" : `From the ${from}`, onclick: () => scene.look(from) }, text));
+  for (const [from, text] of Object.entries(TEXTS.looks)) {
+    $("looks").append(el("button", { type: "button", title: TEXTS.looksTitle[from], onclick: () => scene.look(from) }, text));
   }
 }
 
@@ -139,15 +141,15 @@ function legend() {
   const gate = content.histograms.intensity_gate ?? 0.1;
   const base = content.up.reduce((sum, u, k) => sum + u * content.centre_mm[k], 0);
   const parts = [
-    () => ["Height, mm", ramp(stops, number(base + content.heights_mm[0]), number(base + content.heights_mm[1]))],
-    () => ["Edge intensity", ramp([`#8b98a8 ${(100 * gate) / (0.5 * content.intensity_full)}%`, ...stops.slice(2)], `0 … ${number(gate)} flat`, `${number(0.5 * content.intensity_full)} and more`)],
-    () => ["Normals", el("div", { class: "keys" }, key("#ff8080", "x"), key("#80ff80", "y"), key("#8080ff", "z"))],
-    () => ["Seen by (nearest raw point)", el("div", { class: "keys" }, (used.length ? used.slice(0, 10) : [{ name: "the cloud" }]).map((v, k) => key(viewColour(k), v.name)))],
-    () => ["Removed by the filter, mm", ramp(["#2673f2", "#8b98a8", "#f27319"], `−${number(filterScale)} below`, `${number(filterScale)} above`)],
+    () => [TEXTS.legend.height, ramp(stops, number(base + content.heights_mm[0]), number(base + content.heights_mm[1]))],
+    () => [TEXTS.legend.intensity, ramp([`#8b98a8 ${(100 * gate) / (0.5 * content.intensity_full)}%`, ...stops.slice(2)], TEXTS.flat(number(gate)), TEXTS.andMore(number(0.5 * content.intensity_full)))],
+    () => [TEXTS.legend.normals, el("div", { class: "keys" }, key("#ff8080", "x"), key("#80ff80", "y"), key("#8080ff", "z"))],
+    () => [TEXTS.legend.view, el("div", { class: "keys" }, (used.length ? used.slice(0, 10) : [{ name: TEXTS.theCloud }]).map((v, k) => key(viewColour(k), v.name)))],
+    () => [TEXTS.legend.filter, ramp(["#2673f2", "#8b98a8", "#f27319"], TEXTS.below(number(filterScale)), TEXTS.above(number(filterScale)))],
   ];
   const arm = scene.groups.arm && content.arm;
   $("legend").replaceChildren(...parts[state.colouring]().flat(),
-    ...(arm ? [el("div", {}, `Robot ${arm.name}: nominal link radius ${arm.radii_mm[0]} mm, wrist ${arm.radii_mm[1]} mm; drawn, not checked`)] : []));
+    ...(arm ? [el("div", {}, TEXTS.armLegend(arm.name, arm.radii_mm))] : []));
 }
 
 // Two standard deviations of the noise fill the colours of the filter's work.
@@ -157,7 +159,7 @@ const filterScale = 2 * (content.summary.derived.find((d) => d.name === "noise_m
 function labels() {
   tags.forEach((tag) => tag.button.remove());
   tags = seams.map((seam) => {
-    const button = el("button", { type: "button", title: `Seam ${seam.id}: ${seam.joint}`, "aria-pressed": "false", style: { background: seam.selected ? seam.colour : "#7c8795" }, onclick: () => select(seam.id) }, String(seam.id));
+    const button = el("button", { type: "button", title: TEXTS.seamTitle(seam.id, seam.joint), "aria-pressed": "false", style: { background: seam.selected ? seam.colour : "#7c8795" }, onclick: () => select(seam.id) }, String(seam.id));
     return { seam, button, at: scene.anchor(seam) };
   });
   $("labels").prepend(...tags.map((tag) => tag.button));
@@ -225,6 +227,15 @@ function typed(digit, at) {
   if (known(typing.text)) select(Number(typing.text));
 }
 
+// The texts that stand in the page itself.
+function pageTexts() {
+  document.documentElement.lang = LANGUAGE;
+  document.title = TEXTS.title(content.title);
+  for (const element of document.querySelectorAll("[data-text]")) element.textContent = PAGE[element.dataset.text];
+  for (const element of document.querySelectorAll("[data-label]")) element.setAttribute("aria-label", PAGE[element.dataset.label]);
+  for (const element of document.querySelectorAll("[data-title]")) element.title = PAGE[element.dataset.title];
+}
+
 function theme(dark) {
   document.documentElement.dataset.theme = dark ? "dark" : "light";
 }
@@ -251,8 +262,8 @@ function picture() {
     return;
   }
   scene.filterScale(filterScale);
-  state.colouring = Math.max(COLOURS.findIndex((name) => name.includes(wish.get("colour") ?? "height")), 0);
-  state.cloud = CLOUDS.find(([value]) => value === wish.get("cloud"))?.[0] ?? "model";
+  state.colouring = Math.max(COLOURINGS.indexOf(wish.get("colour")), 0);
+  state.cloud = CLOUDS.find((name) => name === wish.get("cloud")) ?? "model";
   tools();
   offered();
   labels();
@@ -289,6 +300,7 @@ function renew(next) {
   seek(state.time_s);
 }
 
+pageTexts();
 themes();
 panel.head();
 words();
@@ -300,7 +312,7 @@ seek(0);
 const first = seams.find((seam) => seam.selected) ?? seams[0];
 if (first) select(Number(wish.get("seam") ?? first.id));
 if (wish.has("t")) seek(Number(wish.get("t")));
-$("footer").textContent = `weldpath ${content.summary.weldpath}. Keys: arrows turn, + and − zoom, F shows all, digits select a seam, space plays. Look at the program in the controller's simulation before it is run.`;
+$("footer").textContent = TEXTS.footer(content.summary.weldpath);
 
 // For tests and the curious.
 globalThis.weldpath = { state, content, deviation, scene, renew };

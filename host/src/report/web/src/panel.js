@@ -4,40 +4,35 @@ import { $, el } from "./dom.js";
 import { bars, card, histogram, lines } from "./charts.js";
 import { content, deviation, duration, label, number, percent, place, seams, viewColour } from "./content.js";
 import { total_s, waypoints, weldOf, weldTime } from "./program.js";
+import { TEXTS } from "./texts.js";
 
-const plural = (n, word) => `${n} ${word}${n === 1 ? "" : "s"}`;
 const sum = (values) => values.reduce((a, b) => a + b, 0);
 const known = (values) => values.filter((v) => v !== null && v !== undefined);
 // Views whose points are in the model, in the order of its colours.
 const usedViews = () => content.summary.views.filter((v) => v.left_out === null);
 const unitAfter = (unit) => (unit === "°" ? unit : ` ${unit}`);
 
-// Whose frame all coordinates are in.
-const FRAMES = { base: "base frame", camera: "the camera's frame", unknown: "the scan's own frame" };
-
 export function head() {
   $("title").textContent = content.title;
   const views = content.summary.views.length;
   $("subtitle").textContent = [
-    views ? plural(views, "view") : seams.length > 0 && "one cloud",
-    content.clouds.model && `${content.clouds.model.of.toLocaleString("en")} points in the model`,
+    views ? TEXTS.views(views) : seams.length > 0 && TEXTS.oneCloud,
+    content.clouds.model && TEXTS.pointsInModel(content.clouds.model.of),
     `weldpath ${content.summary.weldpath}`,
-    `${FRAMES[content.summary.frame]}, millimetres`,
+    TEXTS.millimetres(TEXTS.frames[content.summary.frame]),
   ].filter(Boolean).join(" · ");
 }
 
 // What may be done with the program, before all else.
-const STATES = { ready: "Ready", check: "Check: a person has to confirm", refused: "Refused: no program is written" };
-
 export function verdict(onSelect) {
   const { state, reasons } = content.summary.verdict;
   const item = (reason) => el("li", { class: reason.accepted ? "accepted" : "" },
-    el("code", {}, reason.id), reason.accepted ? " (accepted) " : " ", sentence(reason.words), " ",
-    seams.some((seam) => seam.id === reason.seam) && el("button", { type: "button", onclick: () => onSelect(reason.seam) }, `seam ${reason.seam}`));
+    el("code", {}, reason.id), reason.accepted ? TEXTS.accepted : " ", sentence(reason.words), " ",
+    seams.some((seam) => seam.id === reason.seam) && el("button", { type: "button", onclick: () => onSelect(reason.seam) }, TEXTS.seam(reason.seam)));
   $("verdict").hidden = false;
-  $("verdict").classList.remove(...Object.keys(STATES));
+  $("verdict").classList.remove(...Object.keys(TEXTS.states));
   $("verdict").classList.add(state);
-  $("verdict").replaceChildren(el("h2", {}, STATES[state]), reasons.length ? el("ul", {}, reasons.map(item)) : "");
+  $("verdict").replaceChildren(el("h2", {}, TEXTS.states[state]), reasons.length ? el("ul", {}, reasons.map(item)) : "");
 }
 
 function tile(value, words, state = "") {
@@ -62,13 +57,13 @@ export function tiles() {
   const weld_s = sum(chosen.map((s) => weldOf(s.id)).filter(Boolean).map(weldTime));
   const measured = deviation?.score;
   $("tiles").replaceChildren(...[
-    tile(chosen.length === seams.length ? plural(seams.length, "seam") : `${chosen.length} of ${plural(seams.length, "seam")}`, `${number(sum(chosen.map((s) => s.length_mm)))} mm to weld`),
-    chosen.length > 0 && tile(percent(least), "least confidence", least < 0.8 ? "warn" : "good"),
-    chosen.length > 0 && tile(`${number(worst_mm)} mm`, `largest expected error, ${number(worst_deg)}°`),
-    measured && tile(measured.rmse_p === undefined ? "–" : `${number(measured.rmse_p)} mm`, `off the truth (RMSE), ${number(measured.rmse_deg)}°`),
-    fitness.length > 0 && tile(percent(Math.min(...fitness)), "of the worst view aligned within 2 mm", Math.min(...fitness) < 0.6 ? "warn" : ""),
-    total_s > 0 && tile(duration(weld_s), `welding, of ${duration(total_s)} moving`),
-    tile(warnings ? String(warnings) : "none", warnings === 1 ? "warning" : "warnings", warnings ? "warn" : "good"),
+    tile(chosen.length === seams.length ? TEXTS.seams(seams.length) : TEXTS.seamsOf(chosen.length, seams.length), TEXTS.mmToWeld(number(sum(chosen.map((s) => s.length_mm))))),
+    chosen.length > 0 && tile(percent(least), TEXTS.leastConfidence, least < 0.8 ? "warn" : "good"),
+    chosen.length > 0 && tile(`${number(worst_mm)} mm`, TEXTS.largestError(number(worst_deg))),
+    measured && tile(measured.rmse_p === undefined ? "–" : `${number(measured.rmse_p)} mm`, TEXTS.offTruth(number(measured.rmse_deg))),
+    fitness.length > 0 && tile(percent(Math.min(...fitness)), TEXTS.worstView, Math.min(...fitness) < 0.6 ? "warn" : ""),
+    total_s > 0 && tile(duration(weld_s), TEXTS.weldingOf(duration(total_s))),
+    tile(warnings ? String(warnings) : TEXTS.none, TEXTS.warnings(warnings), warnings ? "warn" : "good"),
   ].filter(Boolean));
 }
 
@@ -82,13 +77,13 @@ export function warnings(onSelect) {
   if (!all.length) return;
   const item = ({ text, seam }) => el("li", {},
     el("span", {}, sentence(text)),
-    seam && el("button", { type: "button", onclick: () => onSelect(seam.id) }, `seam ${seam.id}`));
+    seam && el("button", { type: "button", onclick: () => onSelect(seam.id) }, TEXTS.seam(seam.id)));
   $("warnings").append(el("ul", {}, all.slice(0, UNFOLDED).map(item)));
   // The picture stays on the screen, however many there are.
   const rest = all.slice(UNFOLDED);
   if (rest.length) {
     $("warnings").append(el("details", { open: isOpen },
-      el("summary", {}, `${plural(rest.length, "more warning")}`),
+      el("summary", {}, TEXTS.moreWarnings(rest.length)),
       el("ul", {}, rest.map(item))));
   }
 }
@@ -96,16 +91,16 @@ export function warnings(onSelect) {
 export function list(onSelect) {
   $("seams").replaceChildren();
   if (!seams.length) {
-    $("seams").append(el("p", { class: "note" }, "None was found. Colour the model by edge intensity to see where an edge stood out."));
+    $("seams").append(el("p", { class: "note" }, TEXTS.noSeams));
     return;
   }
   const row = (seam) => el("tr", { "data-seam": seam.id, class: seam.selected ? "" : "off", onclick: () => onSelect(seam.id) },
-    el("td", {}, el("i", { class: "swatch", style: { background: seam.colour } }), el("button", { type: "button" }, `${seam.id} ${seam.joint}`), seam.warnings.length ? el("span", { title: "has warnings", style: { color: "var(--warn)" } }, " ▲") : null),
+    el("td", {}, el("i", { class: "swatch", style: { background: seam.colour } }), el("button", { type: "button" }, `${seam.id} ${seam.joint}`), seam.warnings.length ? el("span", { title: TEXTS.hasWarnings, style: { color: "var(--warn)" } }, " ▲") : null),
     el("td", { class: "num" }, number(seam.length_mm)),
     el("td", { class: "num" }, number(seam.expected_error_mm)),
     el("td", { class: "num" }, percent(seam.confidence), el("span", { class: "meter" }, el("i", { style: { width: `${100 * (seam.confidence ?? 0)}%` } }))));
   $("seams").append(el("table", {},
-    el("thead", {}, el("tr", {}, el("th", { scope: "col" }, "seam, joint"), el("th", { scope: "col", class: "num" }, "length, mm"), el("th", { scope: "col", class: "num", title: "expected error of the tip, one standard deviation across the seam" }, "error, mm"), el("th", { scope: "col", class: "num" }, "confidence"))),
+    el("thead", {}, el("tr", {}, el("th", { scope: "col" }, TEXTS.columns.seam), el("th", { scope: "col", class: "num" }, TEXTS.columns.length), el("th", { scope: "col", class: "num", title: TEXTS.errorTitle }, TEXTS.columns.error), el("th", { scope: "col", class: "num" }, TEXTS.columns.confidence))),
     el("tbody", {}, seams.map(row))));
 }
 
@@ -113,22 +108,14 @@ export function list(onSelect) {
 const TOLD = ["id", "joint", "selected", "closed", "length_mm", "points", "confidence", "expected_error_mm", "expected_error_deg", "relative_mm", "error_parts_mm", "dimensions", "reason", "warnings", "colour", "line_mm"];
 
 // What an expected error comes from: one part of the bar each, as wide as its share of the variance.
-const PARTS = {
-  noise: "noise of the points",
-  registration: "views against each other",
-  calibration: "hand-eye, camera, robot",
-  corner: "rounded corner",
-  touch: "touches",
-};
-
 function errorBar(parts) {
-  const known = Object.keys(PARTS).map((key, k) => ({ key, mm: parts[key] ?? 0, colour: viewColour(k) })).filter(({ mm }) => mm > 0);
+  const known = Object.keys(TEXTS.parts).map((key, k) => ({ key, mm: parts[key] ?? 0, colour: viewColour(k) })).filter(({ mm }) => mm > 0);
   const whole = sum(known.map(({ mm }) => mm * mm));
   if (!whole) return null;
   const share = ({ mm }) => `${(100 * mm * mm) / whole}%`;
   return el("div", { class: "parts" },
-    el("div", { class: "part-bar", role: "img", "aria-label": "Shares of the expected error's variance" }, known.map((part) => el("i", { style: { width: share(part), background: part.colour } }))),
-    el("p", {}, known.map(({ key, mm, colour }) => el("span", {}, el("i", { class: "swatch", style: { background: colour } }), `${PARTS[key]} ${number(mm)} mm`))));
+    el("div", { class: "part-bar", role: "img", "aria-label": TEXTS.partsLabel }, known.map((part) => el("i", { style: { width: share(part), background: part.colour } }))),
+    el("p", {}, known.map(({ key, mm, colour }) => el("span", {}, el("i", { class: "swatch", style: { background: colour } }), TEXTS.partOf(TEXTS.parts[key], number(mm))))));
 }
 
 function value(key, v) {
@@ -143,22 +130,22 @@ export function detail(seam, onZoom) {
   const off = known(own.map((p) => p.lateral_mm));
   const end = (k) => place(waypoints[k].position_mm.toArray());
   const rows = [
-    ["length", `${number(seam.length_mm)} mm${seam.closed ? ", closed" : ""}`],
-    ["confidence", percent(seam.confidence)],
-    ["expected error of the tip", `${number(seam.expected_error_mm)} mm`],
-    ["within the scan", `${number(seam.relative_mm)} mm`],
-    ["expected error of the torch", `${number(seam.expected_error_deg)}°`],
-    ...seam.dimensions.map((d) => [label(d.name).name, d.value === null ? `not measurable: ${d.reason}` : `${d.value.toFixed(1)} ± ${d.uncertainty.toFixed(1)}${unitAfter(label(d.name).unit)}`]),
-    off.length > 0 && ["measured error (RMSE, largest)", `${number(Math.sqrt(sum(off.map((v) => v * v)) / off.length))}, ${number(Math.max(...off))} mm`],
-    weld && ["waypoints", String(seam.points)],
-    weld && ["weld time", duration(weldTime(weld))],
-    weld && ["begins at x, y, z, mm", end(weld.start)],
-    weld && ["ends at x, y, z, mm", end(weld.end)],
+    [TEXTS.rows.length, TEXTS.length(number(seam.length_mm), seam.closed)],
+    [TEXTS.rows.confidence, percent(seam.confidence)],
+    [TEXTS.rows.error, `${number(seam.expected_error_mm)} mm`],
+    [TEXTS.rows.relative, `${number(seam.relative_mm)} mm`],
+    [TEXTS.rows.torch, `${number(seam.expected_error_deg)}°`],
+    ...seam.dimensions.map((d) => [label(d.name).name, d.value === null ? TEXTS.notMeasurable(d.reason) : `${d.value.toFixed(1)} ± ${d.uncertainty.toFixed(1)}${unitAfter(label(d.name).unit)}`]),
+    off.length > 0 && [TEXTS.rows.measured, TEXTS.measured(number(Math.sqrt(sum(off.map((v) => v * v)) / off.length)), number(Math.max(...off)))],
+    weld && [TEXTS.rows.waypoints, String(seam.points)],
+    weld && [TEXTS.rows.time, duration(weldTime(weld))],
+    weld && [TEXTS.rows.begins, end(weld.start)],
+    weld && [TEXTS.rows.ends, end(weld.end)],
     ...Object.entries(seam).filter(([key, v]) => !TOLD.includes(key) && v !== null && v !== "" && !(Array.isArray(v) && !v.length)).map(([key, v]) => [label(key).name, value(key, v)]),
   ].filter(Boolean);
   $("detail").replaceChildren(
-    el("h3", {}, el("i", { class: "swatch", style: { background: seam.colour } }), `Seam ${seam.id}: ${seam.joint}`, el("button", { type: "button", onclick: onZoom }, "look at it")),
-    el("p", { class: "soft" }, seam.reason, seam.selected ? "" : "; not selected, so it is not welded"),
+    el("h3", {}, el("i", { class: "swatch", style: { background: seam.colour } }), TEXTS.seamTitle(seam.id, seam.joint), el("button", { type: "button", onclick: onZoom }, TEXTS.lookAtIt)),
+    el("p", { class: "soft" }, seam.reason, seam.selected ? "" : TEXTS.notSelected),
     errorBar(seam.error_parts_mm),
     el("dl", {}, rows.map(([name, v]) => [el("dt", {}, name), el("dd", {}, v)])),
     ...seam.warnings.map((text) => el("p", { class: "mind" }, `▲ ${text}`)));
@@ -172,15 +159,15 @@ function deviationCards() {
   const names = [...new Set(points.map((p) => p.seam))];
   const ofSeam = (name) => points.filter((p) => p.seam === name);
   const colour = (name) => seams.find((s) => String(s.id) === name)?.colour ?? viewColour(0);
-  const series = (key) => names.map((name) => ({ name: `seam ${name}`, colour: colour(name), points: ofSeam(name).map((p) => [p.s_mm, p[key]]) }));
+  const series = (key) => names.map((name) => ({ name: TEXTS.seam(name), colour: colour(name), points: ofSeam(name).map((p) => [p.s_mm, p[key]]) }));
   const most = (key) => 1.15 * Math.max(...known(points.map((p) => p[key])), 1e-3);
   const long = Math.max(...points.map((p) => p.s_mm), 1);
   const expected = Math.max(...known(seams.filter((s) => s.selected).map((s) => s.expected_error_mm)), 0);
-  cards.push(card("Deviation from the truth: position", `RMSE ${number(score.rmse_p)} mm across the seam, 95 % of the points below ${number(score.p95)} mm; ${percent(score.coverage)} of the required seams covered, ${percent(score.false_frac)} of the path points on no seam. Gaps: beyond the end of a true seam.`,
-    lines(series("lateral_mm"), { x: { low: 0, high: long, label: "along the seam, mm" }, y: { low: 0, high: Math.max(most("lateral_mm"), 1.3 * expected), label: "distance from the true seam, mm" }, levels: expected ? [{ at: expected, text: "largest expected RMSE" }] : [] })));
+  cards.push(card(TEXTS.deviation, TEXTS.deviationWords(number(score.rmse_p), number(score.p95), percent(score.coverage), percent(score.false_frac)),
+    lines(series("lateral_mm"), { x: { low: 0, high: long, label: TEXTS.alongSeam }, y: { low: 0, high: Math.max(most("lateral_mm"), 1.3 * expected), label: TEXTS.fromTrue }, levels: expected ? [{ at: expected, text: TEXTS.largestRmse }] : [] })));
   if (known(points.map((p) => p.axis_deg)).length) {
-    cards.push(card("Deviation from the truth: torch axis", `Angle between the planned and the true torch axis. RMSE of the whole orientation: ${number(score.rmse_deg)}°.`,
-      lines(series("axis_deg"), { x: { low: 0, high: long, label: "along the seam, mm" }, y: { low: 0, high: most("axis_deg"), label: "angle, degrees" } })));
+    cards.push(card(TEXTS.axis, TEXTS.axisWords(number(score.rmse_deg)),
+      lines(series("axis_deg"), { x: { low: 0, high: long, label: TEXTS.alongSeam }, y: { low: 0, high: most("axis_deg"), label: TEXTS.angle } })));
   }
   return cards;
 }
@@ -190,26 +177,25 @@ export function charts() {
   const cards = deviationCards();
   const longest = Math.max(...content.summary.views.map((v) => v.fitness_per_iteration.length), 0);
   if (longest > 1) {
-    cards.push(card("Registration: fitness per iteration", "Share of each view's overlap with a partner nearer than 2 mm; 0 is the pose that the robot reported. A line that stays low is a view that does not fit: check its pose, or leave it out.",
+    cards.push(card(TEXTS.fitness, TEXTS.fitnessWords,
       lines(usedViews().map((v, k) => ({ name: v.name, colour: viewColour(k), points: v.fitness_per_iteration.map((f, i) => [i, f]) })),
-        { x: { low: 0, high: longest - 1, label: "iteration" }, y: { low: 0, high: 1, label: "fitness" } })));
+        { x: { low: 0, high: longest - 1, label: TEXTS.iteration }, y: { low: 0, high: 1, label: TEXTS.fitnessAxis } })));
   }
   if (intensity.counts.some(Boolean)) {
-    cards.push(card("Edge intensity and its automatic threshold", "How far the middle of a point's surroundings lies from the point, in radii (eq. 12). Points to the right of the threshold may be edges; it follows from the median.",
-      histogram(intensity, { label: "edge intensity", decided: intensity_gate ?? undefined, marks: intensity_gate ? [{ at: intensity_gate, text: `threshold ${number(intensity_gate)}` }] : [] })));
+    cards.push(card(TEXTS.intensity, TEXTS.intensityWords,
+      histogram(intensity, { label: TEXTS.intensityAxis, decided: intensity_gate ?? undefined, marks: intensity_gate ? [{ at: intensity_gate, text: TEXTS.threshold(number(intensity_gate)) }] : [] })));
   }
   if (ratio.counts.some(Boolean)) {
-    const words = ratio_decides ? "Points to the right of t are edges." : "This run does not use it: it is scale free, so flat noise looks like edges. Shown for comparison.";
-    cards.push(card("Intensity ratio of the paper, Tr³/Det", `Eq. (16); 27 is the least value there is, and the last bar holds all above it. ${words}`,
-      histogram(ratio, { label: "Tr³/Det", marks: [{ at: ratio_threshold, text: `t = ${number(ratio_threshold)}${ratio_decides ? "" : ", not used"}` }] })));
+    cards.push(card(TEXTS.ratio, TEXTS.ratioWords(ratio_decides),
+      histogram(ratio, { label: TEXTS.ratioAxis, marks: [{ at: ratio_threshold, text: TEXTS.ratioMark(number(ratio_threshold), ratio_decides) }] })));
   }
   if (spacing_mm.counts.some(Boolean)) {
-    cards.push(card("Spacing of the raw points", "Distance from a point of the first view to its nearest neighbour there. Voxels that are finer than the spacing would leave holes.",
-      histogram(spacing_mm, { label: "distance, mm", marks: spacing_marks_mm.map(([text, at]) => ({ at, text: `${text} ${number(at)} mm` })) })));
+    cards.push(card(TEXTS.spacing, TEXTS.spacingWords,
+      histogram(spacing_mm, { label: TEXTS.distance, marks: spacing_marks_mm.map(([text, at]) => ({ at, text: TEXTS.spacingMark(TEXTS.spacingMarks[text] ?? text, number(at)) })) })));
   }
   if (content.summary.stages.length) {
-    cards.push(card("Time per stage", `${number(sum(content.summary.stages.map((s) => s.time_s)))} s in all, reading and writing not included.`,
-      bars(content.summary.stages.map((s) => ({ name: s.name, value: 1000 * s.time_s })), { unit: "ms", label: "Time per stage" })));
+    cards.push(card(TEXTS.stages, TEXTS.stagesWords(number(sum(content.summary.stages.map((s) => s.time_s)))),
+      bars(content.summary.stages.map((s) => ({ name: s.name, value: 1000 * s.time_s })), { unit: "ms", label: TEXTS.stages })));
   }
   $("charts").append(...cards);
 }
@@ -227,18 +213,19 @@ function section(title, words, ...children) {
 // What the views say of the cell: rows of name, value, standard deviation, and what was done about it.
 function cell() {
   const { robot, hand_eye, camera } = content.summary.base_frame;
-  const done = (found) => (found.applied ? "corrected" : "not significant");
+  const names = TEXTS.cellRows;
+  const done = (found) => (found.applied ? TEXTS.corrected : TEXTS.notSignificant);
   return [
-    ...(robot ? [["reported poses scatter by, mm", number(robot.scatter_mm), "", ""], ["and by, °", number(robot.scatter_deg), "", ""]] : []),
+    ...(robot ? [[names.scatterMm, number(robot.scatter_mm), "", ""], [names.scatterDeg, number(robot.scatter_deg), "", ""]] : []),
     ...(hand_eye ? [
-      ["hand-eye transform off by, mm", number(hand_eye.shift_mm), number(hand_eye.shift_sigma_mm), done(hand_eye)],
-      ["and by, °", number(hand_eye.turn_deg), number(hand_eye.turn_sigma_deg), done(hand_eye)],
+      [names.shift, number(hand_eye.shift_mm), number(hand_eye.shift_sigma_mm), done(hand_eye)],
+      [names.turn, number(hand_eye.turn_deg), number(hand_eye.turn_sigma_deg), done(hand_eye)],
     ] : []),
     ...(camera ? [
-      ["focal length longer by, %", number(100 * camera.focal), number(100 * camera.focal_sigma), done(camera)],
-      ["optical axis off along rows, ‰ of the focal length", number(1e3 * camera.centre[0]), number(1e3 * camera.centre_sigma[0]), done(camera)],
-      ["along columns", number(1e3 * camera.centre[1]), number(1e3 * camera.centre_sigma[1]), done(camera)],
-      ["k1 larger by", number(camera.k1), number(camera.k1_sigma), done(camera)],
+      [names.focal, number(100 * camera.focal), number(100 * camera.focal_sigma), done(camera)],
+      [names.rows, number(1e3 * camera.centre[0]), number(1e3 * camera.centre_sigma[0]), done(camera)],
+      [names.columns, number(1e3 * camera.centre[1]), number(1e3 * camera.centre_sigma[1]), done(camera)],
+      [names.k1, number(camera.k1), number(camera.k1_sigma), done(camera)],
     ] : []),
   ];
 }
@@ -247,29 +234,30 @@ export function facts() {
   const { clouds } = content;
   const used = usedViews();
   const isOpen = Boolean(document.querySelector("#facts details[open]"));
-  const sample = (layer, name) => layer && layer.count < layer.of && `${layer.count.toLocaleString("en")} of ${layer.of.toLocaleString("en")} ${name}`;
-  const thinned = [sample(clouds.model, "model points"), sample(clouds.raw, "raw points"), content.waypoints.length < content.waypoints_of && `${content.waypoints.length} of ${content.waypoints_of} waypoints`].filter(Boolean);
+  const sample = (count, of, words) => count < of && words(count, of);
+  const thinned = [sample(clouds.model?.count, clouds.model?.of, TEXTS.modelPoints), sample(clouds.raw?.count, clouds.raw?.of, TEXTS.rawPoints),
+    sample(content.waypoints.length, content.waypoints_of, TEXTS.waypointsOf)].filter(Boolean);
   const parts = [];
   if (content.summary.views.length) {
-    parts.push(section("Views", content.summary.base_frame.hand_eye
-      ? "All poses are adjusted together with the hand-eye transform, within what is stated of robot and cell."
-      : "The pose of the first view that fits is taken as exact: its own error comes on top of everything here.",
-      table(["view", "#fitness before", "#after", "#moved, mm", "#turned, °", "#uncertainty, mm"], content.summary.views.map((v) => [
-        el("span", {}, used.includes(v) && el("i", { class: "swatch", style: { background: viewColour(used.indexOf(v)) } }), v.name, v.left_out === null ? "" : " (left out)"),
+    parts.push(section(TEXTS.viewsTitle, content.summary.base_frame.hand_eye
+      ? TEXTS.viewsTogether
+      : TEXTS.viewsFirst,
+      table(TEXTS.viewColumns, content.summary.views.map((v) => [
+        el("span", {}, used.includes(v) && el("i", { class: "swatch", style: { background: viewColour(used.indexOf(v)) } }), v.name, v.left_out === null ? "" : TEXTS.leftOut),
         number(v.fitness_before), number(v.fitness_after), number(v.moved_mm), number(v.moved_deg), number(v.uncertainty_mm)]))));
   }
   const found = cell();
   if (found.length) {
-    parts.push(section("Robot and camera", "What the views say of them. What is not significant is left as stated, and counts in the expected error.",
-      table(["", "#found", "#±", ""], found)));
+    parts.push(section(TEXTS.cell, TEXTS.cellWords,
+      table(TEXTS.cellColumns, found)));
   }
-  if (content.summary.derived.length) parts.push(section("Derived from the data", "Nobody typed these.",
-    table(["parameter", "#value", "how"], content.summary.derived.map((d) => [label(d.name).name, `${number(d.value)} ${label(d.name).unit}`, d.how]))));
-  parts.push(section("Inputs", null,
+  if (content.summary.derived.length) parts.push(section(TEXTS.derived, TEXTS.derivedWords,
+    table(TEXTS.derivedColumns, content.summary.derived.map((d) => [label(d.name).name, `${number(d.value)} ${label(d.name).unit}`, d.how]))));
+  parts.push(section(TEXTS.inputs, null,
     content.summary.inputs.length > 0 && el("ul", {}, content.summary.inputs.map((file) => el("li", {}, el("code", {}, file)))),
     content.summary.notes.length ? el("ul", {}, content.summary.notes.map((note) => el("li", {}, note))) : null,
-    thinned.length ? el("p", {}, `To keep this page small it shows ${thinned.join(" and ")}, evenly picked; the files beside it hold all.`) : null,
-    deviation ? null : el("p", {}, "No truth was given. ", el("code", {}, "weldpath evaluate DIR --truth FILE --report"), " adds the deviation from it to this page.")));
-  parts.push(el("details", { class: "card", open: isOpen }, el("summary", {}, "Settings of this run (job.toml)"), el("pre", { tabindex: "0", "aria-label": "job.toml" }, content.job)));
+    thinned.length ? el("p", {}, TEXTS.thinned(thinned)) : null,
+    deviation ? null : el("p", {}, TEXTS.noTruth, el("code", {}, "weldpath evaluate DIR --truth FILE --report"), TEXTS.evaluate)));
+  parts.push(el("details", { class: "card", open: isOpen }, el("summary", {}, TEXTS.job), el("pre", { tabindex: "0", "aria-label": "job.toml" }, content.job)));
   $("facts").replaceChildren(...parts);
 }

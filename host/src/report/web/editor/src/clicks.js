@@ -1,7 +1,7 @@
 // Places that are clicked on the cloud, for whatever asks for them: a seam that the search passed over, a box, a plane.
 
 import { $, el } from "../../src/dom.js";
-import { WORDS } from "./words.js";
+import { WORDS } from "../../src/texts.js";
 
 // A click takes the foremost point of the cloud within the first of these that holds any, px: an edge that stands before the
 // place is not what is meant. Points nearer to each other than this count as one surface, mm.

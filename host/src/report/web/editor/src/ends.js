@@ -1,7 +1,7 @@
 // The two ends of the selected seam as handles in the picture: dragged along the seam, or moved by arrow keys.
 
 import { $, el } from "../../src/dom.js";
-import { WORDS } from "./words.js";
+import { WORDS } from "../../src/texts.js";
 
 // A handle is drawn so far beyond its seam at most, mm; the field takes more. This much of the seam stays between both.
 const MOST_BEYOND_MM = 100;

@@ -1,7 +1,7 @@
 // Fields for settings, made from the schema of a job: kind, limits and description of each stand there.
 
 import { el } from "../../src/dom.js";
-import { LABELS, WORDS } from "./words.js";
+import { LABELS, WORDS } from "../../src/texts.js";
 import { edit } from "./server.js";
 
 const UNITS = [["_mm_s", "mm/s"], ["_mm", "mm"], ["_deg", "°"], ["_rad", "rad"], ["_kg", "kg"], ["_hz", "Hz"], ["_s", "s"]];

@@ -2,7 +2,7 @@
 // can be clicked, and puts another plan in its place: the numbers alone where the cloud is the same, else the whole page.
 
 import { $, el } from "../../src/dom.js";
-import { WORDS } from "./words.js";
+import { LANGUAGE, WORDS } from "../../src/texts.js";
 import { act, content, edit, follow, onState, schema as ofJob } from "./server.js";
 import { parts } from "./panel.js";
 import { Ends } from "./ends.js";
@@ -301,6 +301,10 @@ function restore() {
   if (scroll) scrollTo(...scroll);
 }
 
+if (!page) {
+  document.documentElement.lang = LANGUAGE;
+  $("waiting").textContent = WORDS.waiting;
+}
 if (!page) document.documentElement.dataset.theme = matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
 const seamLine = (id) => page.content.seams.find((seam) => seam.id === id);
 const clicks = page?.scene ? new Clicks(page.scene, new page.scene.camera.position.constructor(...page.content.centre_mm), tell) : null;

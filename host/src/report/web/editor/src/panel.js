@@ -1,7 +1,7 @@
 // Everything that is set for a seam or for the whole job.
 
 import { el } from "../../src/dom.js";
-import { GROUPS, LABELS, WORDS } from "./words.js";
+import { GROUPS, LABELS, WORDS } from "../../src/texts.js";
 import { field, jobField, keysOf, setting } from "./fields.js";
 import { edit } from "./server.js";
 import { regions } from "./regions.js";

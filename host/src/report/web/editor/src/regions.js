@@ -2,7 +2,7 @@
 // work ([exclude]). A box is sketched first, by clicks or by numbers, and then put to one of the two uses.
 
 import { el } from "../../src/dom.js";
-import { WORDS } from "./words.js";
+import { WORDS } from "../../src/texts.js";
 import { edit } from "./server.js";
 
 // A box that is clicked reaches so far beyond the places that it holds; a plane lies so far off the face that is clicked, mm.

@@ -2,7 +2,7 @@
 // scale; and what is between two places that are clicked in it.
 
 import { el, svg } from "../../src/dom.js";
-import { GROUPS, WORDS } from "./words.js";
+import { GROUPS, WORDS } from "../../src/texts.js";
 import { section as fetchSection } from "./server.js";
 
 // Width of the drawing, and what is left for words at its edge, in its own units.

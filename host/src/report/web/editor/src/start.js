@@ -1,7 +1,7 @@
 // The page before anything is open: a folder to type, or an example that is simulated.
 
 import { $, el } from "../../src/dom.js";
-import { WORDS } from "./words.js";
+import { LANGUAGE, WORDS } from "../../src/texts.js";
 
 const said = el("p", { role: "status" });
 const failed = el("p", { class: "refusal", role: "alert", hidden: true });
@@ -61,6 +61,7 @@ function form({ out: usual, example }) {
 }
 
 document.documentElement.dataset.theme = matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
+document.documentElement.lang = LANGUAGE;
 $("about").textContent = WORDS.startAbout;
 fetch("state").then((answer) => answer.json()).then((state) => {
   if (state.open !== false) {
