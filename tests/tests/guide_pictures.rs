@@ -127,8 +127,11 @@ fn robot(page: &mut Page) {
     scroll_to(page, "main", "start");
 }
 
+/// A picture's name, and what is done on the page before it is taken.
+type State = (&'static str, fn(&mut Page));
+
 /// The states of the page that the guide tells of, one after the other.
-const STATES: [(&str, fn(&mut Page)); 5] = [
+const STATES: [State; 5] = [
     ("open-page.webp", whole),
     ("open-weave.webp", weave),
     ("open-section.webp", section),
