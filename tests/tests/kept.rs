@@ -148,6 +148,9 @@ fn beside(found: &Searched<Recording>, off_mm: f64) -> String {
     format!("[{}, {}]", place(2), place(8))
 }
 
+/// An edit, the stages that it begins, and what it makes a job say, a little different for each number.
+type Kind<'a> = (&'a str, &'a [&'a str], &'a dyn Fn(usize) -> String);
+
 #[test]
 fn an_edit_of_one_seam_seeks_that_seam_alone_and_takes_a_fifth_of_a_plan() {
     let home = tempfile::tempdir().unwrap();
@@ -159,7 +162,7 @@ fn an_edit_of_one_seam_seeks_that_seam_alone_and_takes_a_fifth_of_a_plan() {
     let own = "[[seam]]\nid = 1\n";
     let asked: &[&str] = &["asked", "toolpath"];
     let line = |k: usize| beside(&found, 14.0 + k as f64);
-    let kinds: [(&str, &[&str], &dyn Fn(usize) -> String); 6] = [
+    let kinds: [Kind; 6] = [
         ("an end", &[], &|k| format!("{own}path.extend_end_mm = -{k}")),
         ("a joint type", &[], &|_| format!("{own}joint = \"lap\"")),
         // The slowest: all kinds of evidence are looked through, and none makes a seam.
