@@ -16,8 +16,8 @@ use rayon::prelude::*;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-use looks::{ALL, Directions, Looks};
-use table::{Bare, Table, bare_of_planes, table};
+use looks::{ALL, Bare, Directions, Looks};
+use table::{Table, bare_of_planes, table};
 
 /// Neighbours within so many voxels have a say on a side.
 const REACH_VOXELS: f32 = 2.5;

@@ -1,6 +1,5 @@
 //! What is seen of a cloud by looks from far away, and which of them are at one.
 
-use super::table::Bare;
 use crate::geometry::grid::Grid;
 use crate::model::downsampling::Voxels;
 use nalgebra::{Point3, Vector3};
@@ -27,6 +26,14 @@ pub(super) struct Looks {
     directions: Vec<Vector3<f32>>,
     /// Which of them see each voxel, a bit for each.
     pub(super) seen: Vec<Directions>,
+}
+
+/// Places where something was not scanned, as it was hidden from whatever scanned the rest.
+#[derive(Default)]
+pub(super) struct Bare {
+    pub(super) places: Vec<Point3<f32>>,
+    /// Of how many voxels each place is.
+    pub(super) voxels: i64,
 }
 
 /// Some of the directions: a bit for each.

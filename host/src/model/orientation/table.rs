@@ -1,6 +1,6 @@
 //! The plane on which the work stands, sought where nobody knows a side.
 
-use super::looks::Looks;
+use super::looks::{Bare, Looks};
 use crate::geometry::table::{WAYS, carries, fitted, planes, stands_on, ways};
 use crate::model::downsampling::Voxels;
 use nalgebra::{Point3, Vector3};
@@ -42,14 +42,6 @@ pub(super) fn table(voxels: &Voxels, looks: &Looks) -> Option<Table> {
 /// Edge of a place of a table that is scanned or not, voxels, and the most such places along the scan.
 const PLACE_VOXELS: f32 = 4.0;
 const PLACES: f32 = 500.0;
-
-/// Places where something was not scanned, as it was hidden from whatever scanned the rest.
-#[derive(Default)]
-pub(super) struct Bare {
-    pub(super) places: Vec<Point3<f32>>,
-    /// Of how many voxels each place is.
-    pub(super) voxels: i64,
-}
 
 impl Table {
     /// Places of it amid what was scanned of it where it was not scanned.
