@@ -99,7 +99,9 @@ fn the_start_page_and_the_page_that_waits_have_no_violation() {
     let home = tempfile::tempdir().unwrap();
     let plate = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().join("fixtures/plate");
     let mut page = Page::visit(&chromium, home, &[plate.to_str().unwrap()]);
-    page.settle("document.getElementById('failed')?.textContent || document.getElementById('title')?.textContent");
+    page.settle(
+        "document.getElementById('failed')?.textContent || document.getElementById('title')?.textContent",
+    );
     wrong.extend(look(&mut page.browser, "nothing to weld", |_| {}));
     is_clean(&wrong);
 }

@@ -1,6 +1,6 @@
 //! The plane on which the work stands, sought where nobody knows a side.
 
-use super::looks::Looks;
+use super::looks::{Bare, Looks};
 use crate::geometry::table::{WAYS, carries, fitted, planes, stands_on, ways};
 use crate::model::downsampling::Voxels;
 use nalgebra::{Point3, Vector3};
@@ -44,33 +44,50 @@ const PLACE_VOXELS: f32 = 4.0;
 const PLACES: f32 = 500.0;
 
 impl Table {
-    /// Places of it amid the scan where it was not scanned, and of how many voxels each is.
-    pub(super) fn bare(&self, voxels: &Voxels) -> (Vec<Point3<f32>>, i64) {
-        let points = &voxels.cloud.points_mm;
-        let ways = ways(&self.up);
-        let reach_mm = ways.map(|way| points.iter().map(|p| way.dot(&p.coords)).fold(f32::MIN, f32::max));
-        // A quarter of the way round from one to the other, and half of it to where the scan begins.
-        let axes = [0, WAYS / 4].map(|k| (ways[k], -reach_mm[k + WAYS / 2], reach_mm[k]));
-        let widest_mm = axes.map(|(_, low, high)| high - low).into_iter().fold(0.0, f32::max);
-        let edge_mm = (PLACE_VOXELS * voxels.edge_mm).max(widest_mm / PLACES);
-        let place =
-            |p: &Point3<f32>| axes.map(|(axis, low, _)| ((axis.dot(&p.coords) - low) / edge_mm) as i32);
-        let is_on = |p: &&Point3<f32>| {
-            (self.up.dot(&p.coords) - self.level_mm).abs() < 2.0 * FLAT_VOXELS * voxels.edge_mm
-        };
-        let scanned: HashSet<[i32; 2]> = points.iter().filter(is_on).map(place).collect();
-        let [columns, rows] = axes.map(|(_, low, high)| ((high - low) / edge_mm) as i32);
-        let all = (0..columns).flat_map(|i| (0..rows).map(move |j| [i, j]));
-        let at = |[i, j]: [i32; 2]| {
-            let along =
-                axes.iter().zip([i, j]).map(|((axis, low, _), k)| axis * (low + edge_mm * (k as f32 + 0.5)));
-            Point3::from(along.sum::<Vector3<f32>>() + self.up * self.level_mm)
-        };
-        let is_amid =
-            |p: &Point3<f32>| ways.iter().zip(&reach_mm).all(|(way, reach)| way.dot(&p.coords) < *reach);
-        let bare = all.filter(|place| !scanned.contains(place)).map(at).filter(is_amid).collect();
-        (bare, (edge_mm / voxels.edge_mm).powi(2) as i64)
+    /// Places of it amid what was scanned of it where it was not scanned.
+    pub(super) fn bare(&self, voxels: &Voxels) -> Bare {
+        bare(voxels, &self.up, self.level_mm)
     }
+}
+
+/// Such places of all large planes.
+pub(super) fn bare_of_planes(voxels: &Voxels) -> Bare {
+    let half_mm = FLAT_VOXELS * voxels.edge_mm;
+    let points = &voxels.cloud.points_mm;
+    let mut all = Bare::default();
+    for (normal, level_mm) in planes(points, half_mm, TABLE_SHARE) {
+        let (normal, level_mm) = fitted(points, normal, level_mm, half_mm);
+        let Bare { places, voxels } = bare(voxels, &normal, level_mm);
+        all.places.extend(places);
+        all.voxels = all.voxels.max(voxels);
+    }
+    all
+}
+
+/// Places of the plane at `level_mm` along `up` amid what was scanned of it where it was not scanned.
+fn bare(voxels: &Voxels, up: &Vector3<f32>, level_mm: f32) -> Bare {
+    let near_mm = 2.0 * FLAT_VOXELS * voxels.edge_mm;
+    let points = voxels.cloud.points_mm.iter();
+    let on: Vec<&Point3<f32>> = points.filter(|p| (up.dot(&p.coords) - level_mm).abs() < near_mm).collect();
+    let ways = ways(up);
+    let reach_mm = ways.map(|way| on.iter().map(|p| way.dot(&p.coords)).fold(f32::MIN, f32::max));
+    // A quarter of the way round from one to the other, and half of it to where the plane begins.
+    let axes = [0, WAYS / 4].map(|k| (ways[k], -reach_mm[k + WAYS / 2], reach_mm[k]));
+    let widest_mm = axes.map(|(_, low, high)| high - low).into_iter().fold(0.0, f32::max);
+    let edge_mm = (PLACE_VOXELS * voxels.edge_mm).max(widest_mm / PLACES);
+    let place = |p: &Point3<f32>| axes.map(|(axis, low, _)| ((axis.dot(&p.coords) - low) / edge_mm) as i32);
+    let scanned: HashSet<[i32; 2]> = on.iter().map(|p| place(p)).collect();
+    let [columns, rows] = axes.map(|(_, low, high)| ((high - low) / edge_mm) as i32);
+    let all = (0..columns).flat_map(|i| (0..rows).map(move |j| [i, j]));
+    let at = |[i, j]: [i32; 2]| {
+        let along =
+            axes.iter().zip([i, j]).map(|((axis, low, _), k)| axis * (low + edge_mm * (k as f32 + 0.5)));
+        Point3::from(along.sum::<Vector3<f32>>() + up * level_mm)
+    };
+    let is_amid =
+        |p: &Point3<f32>| ways.iter().zip(&reach_mm).all(|(way, reach)| way.dot(&p.coords) < *reach);
+    let places = all.filter(|place| !scanned.contains(place)).map(at).filter(is_amid).collect();
+    Bare { places, voxels: (edge_mm / voxels.edge_mm).powi(2) as i64 }
 }
 
 /// The table that is about here and faces about this way.
