@@ -177,8 +177,14 @@ impl Browser {
     pub fn resize(&mut self, width: u32, height: u32) {
         let size = json!({ "width": width, "height": height, "deviceScaleFactor": 1, "mobile": false });
         self.call("Emulation.setDeviceMetricsOverride", size);
-        // What is measured next is of the picture in its new size.
-        self.evaluate("new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(() => drawn(true))))");
+        self.wait_until_drawn();
+    }
+
+    /// Waits until the page is drawn as it is now: what is measured next is of that picture.
+    pub fn wait_until_drawn(&mut self) {
+        self.evaluate(
+            "new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(() => drawn(true))))",
+        );
     }
 
     /// A picture of the whole page: PNG.

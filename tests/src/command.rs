@@ -1,7 +1,7 @@
 //! The program `weldpath` as its users run it, watched with a deadline, and the commands that the documents show.
 
 use std::io::{BufRead, BufReader, Read, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::OnceLock;
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -163,6 +163,18 @@ pub fn ends_well(command: &mut Command) -> String {
     let ended = end_of(command);
     assert_eq!(ended.code, Some(0), "{command:?}: {}", ended.said);
     ended.said
+}
+
+/// Plans the fixture of a robot's cell into `out` of a folder, for a robot that reaches it; where the fixture is.
+///
+/// # Panics
+/// If the job cannot be written or planned.
+pub fn plan_the_cell(home: &Path) -> PathBuf {
+    let fixture = Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("a workspace").join("fixtures/cell");
+    let job = format!("input = {fixture:?}\n[robot]\nmodel = \"ur10e\"\n");
+    std::fs::write(home.join("a.toml"), job).expect("a file");
+    ends_well(weldpath().args(["plan", "--job", "a.toml", "--quiet"]).current_dir(home));
+    fixture
 }
 
 fn forward(output: Option<impl Read + Send + 'static>, say: Sender<String>) {

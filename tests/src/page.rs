@@ -93,10 +93,7 @@ impl Page {
     /// Drags the end of a straight seam that is selected so far inwards along it, with the mouse.
     pub fn drag_the_end(&mut self, seam: u64, inwards_mm: f64) {
         self.browser.evaluate("document.getElementById('canvas').scrollIntoView({ block: 'center' })");
-        // The handle is where the last picture put it.
-        self.browser.evaluate(
-            "new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(() => drawn(true))))",
-        );
+        self.browser.wait_until_drawn();
         let places = self.browser.evaluate(&format!(
             "(() => {{
                const {{ scene, content }} = weldpath;

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use serde_json::Value;
 use weldpath_tests::browser::{self, Browser};
-use weldpath_tests::command::{ends_well, weldpath};
+use weldpath_tests::command::plan_the_cell;
 use weldpath_tests::page::Page;
 
 const AXE: &str = include_str!("../fixtures/axe-core/axe.min.js");
@@ -77,10 +77,7 @@ fn the_page_that_edits_has_no_violation_whatever_is_open_in_it() {
 fn the_report_has_no_violation() {
     let Some(chromium) = browser::chromium() else { return };
     let home = tempfile::tempdir().unwrap();
-    let fixture = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().join("fixtures/cell");
-    let job = format!("input = {fixture:?}\n[robot]\nmodel = \"ur10e\"\n");
-    fs::write(home.path().join("a.toml"), job).unwrap();
-    ends_well(weldpath().args(["plan", "--job", "a.toml", "--quiet"]).current_dir(home.path()));
+    plan_the_cell(home.path());
     let page = fs::read_to_string(home.path().join("out/report.html")).unwrap();
     let mut browser = Browser::open(&chromium, &page);
     browser.wait_for("document.querySelector('#seams tr[data-seam]')");

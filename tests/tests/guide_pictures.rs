@@ -60,7 +60,7 @@ fn scroll_to(page: &mut Page, selector: &str, block: &str) {
 
 /// The page as it is, once all is drawn that followed from the last click.
 fn photograph(page: &mut Page) -> Vec<u8> {
-    page.browser.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))");
+    page.browser.wait_until_drawn();
     page.browser.photograph()
 }
 

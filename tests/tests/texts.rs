@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 use weldpath_tests::browser::{self, Browser};
-use weldpath_tests::command::{ends_well, weldpath};
+use weldpath_tests::command::{ends_well, plan_the_cell, weldpath};
 use weldpath_tests::page::Page;
 
 fn web() -> PathBuf {
@@ -207,10 +207,7 @@ const DATA: &str = "JSON.stringify(weldpath.content)";
 fn another_language_leaves_no_english_in_the_report() {
     let Some(chromium) = browser::chromium() else { return };
     let home = tempfile::tempdir().unwrap();
-    let fixture = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().join("fixtures/cell");
-    let job = format!("input = {fixture:?}\n[robot]\nmodel = \"ur10e\"\n");
-    fs::write(home.path().join("a.toml"), job).unwrap();
-    ends_well(weldpath().args(["plan", "--job", "a.toml", "--quiet"]).current_dir(home.path()));
+    let fixture = plan_the_cell(home.path());
     let truth = fixture.join("truth.json");
     let scored = ["evaluate", "out", "--report", "--quiet", "--truth", truth.to_str().unwrap()];
     ends_well(weldpath().args(scored).current_dir(home.path()));

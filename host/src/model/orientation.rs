@@ -17,7 +17,7 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 use looks::{ALL, Bare, Directions, Looks};
-use table::{Table, bare_of_planes, table};
+use table::{Table, bare_of_planes, large_planes, table};
 
 /// Neighbours within so many voxels have a say on a side.
 const REACH_VOXELS: f32 = 2.5;
@@ -119,9 +119,12 @@ const SPREAD_VOXELS: f32 = 2.0;
 /// From over the table, or from the half of all directions that sees nearly everything. A sheet without thickness is seen as
 /// well from behind: then from where what was not scanned is hidden; or else from above, if above is over it. Else from all round.
 fn from(voxels: &Voxels, looks: &Looks) -> (Directions, bool, Option<Table>) {
+    let planes = large_planes(voxels);
     let axes = common_axes(&voxels.cloud.normals);
     let shown = |up: &Vector3<f32>| looks.share(looks.half(up));
-    if let Some(table) = table(voxels, looks).filter(|table| table.carries || shown(&-table.up) <= WHOLE) {
+    if let Some(table) =
+        table(voxels, &planes, looks).filter(|table| table.carries || shown(&-table.up) <= WHOLE)
+    {
         return (looks.half(&table.up), false, Some(table));
     }
     let whole =
@@ -129,7 +132,7 @@ fn from(voxels: &Voxels, looks: &Looks) -> (Directions, bool, Option<Table>) {
     let axes: Vec<_> = axes.into_iter().map(whole).collect();
     let above = axes.iter().filter(|[one, other]| one.0 && other.0).flatten().map(|(.., up)| *up);
     if let Some(up) = above.max_by(|a, b| a.z.total_cmp(&b.z)) {
-        let bare = looks.sees_bare(voxels, &bare_of_planes(voxels), ALL);
+        let bare = looks.sees_bare(voxels, &bare_of_planes(voxels, &planes), ALL);
         let [over, under] =
             [up, -up].map(|up| looks.half(&up)).map(|half| (looks.most_seen(half, &bare), half));
         let (more, less) = if over.0 > under.0 { (over, under) } else { (under, over) };
@@ -254,7 +257,7 @@ mod tests {
             let sides = seen(&voxels, false);
             let wrong = sides.normals.iter().zip(&truth).filter(|(a, b)| a.dot(b) < 0.0).count();
             assert!(wrong * 500 < truth.len(), "{wrong} of {}", truth.len());
-            let table = table(&voxels, &Looks::at(&voxels));
+            let table = table(&voxels, &large_planes(&voxels), &Looks::at(&voxels));
             assert!(table.unwrap().up.dot(&(turn * Vector3::z())) > 0.999);
             assert_eq!(sides.borne_out, None);
         }

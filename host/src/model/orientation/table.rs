@@ -28,12 +28,17 @@ pub(super) struct Table {
     pub(super) carries: bool,
 }
 
-/// The largest table among the planes of a cloud.
-pub(super) fn table(voxels: &Voxels, looks: &Looks) -> Option<Table> {
+/// Unit normal and level, mm, of each large plane of a cloud.
+pub(super) fn large_planes(voxels: &Voxels) -> Vec<(Vector3<f32>, f32)> {
     let half_mm = FLAT_VOXELS * voxels.edge_mm;
-    let planes = planes(&voxels.cloud.points_mm, half_mm, TABLE_SHARE);
-    let sides: Vec<_> =
-        planes.into_iter().flat_map(|(n, level_mm)| [(n, level_mm), (-n, -level_mm)]).collect();
+    let points = &voxels.cloud.points_mm;
+    let fit = |(normal, level_mm)| fitted(points, normal, level_mm, half_mm);
+    planes(points, half_mm, TABLE_SHARE).into_iter().map(fit).collect()
+}
+
+/// The largest table among the large planes of a cloud.
+pub(super) fn table(voxels: &Voxels, planes: &[(Vector3<f32>, f32)], looks: &Looks) -> Option<Table> {
+    let sides: Vec<_> = planes.iter().flat_map(|(n, level_mm)| [(*n, *level_mm), (-n, -level_mm)]).collect();
     let tables: Vec<Table> =
         sides.par_iter().filter_map(|(up, level_mm)| table_at(voxels, up, *level_mm, looks)).collect();
     tables.into_iter().max_by(|a, b| a.share.total_cmp(&b.share))
@@ -51,13 +56,10 @@ impl Table {
 }
 
 /// Such places of all large planes.
-pub(super) fn bare_of_planes(voxels: &Voxels) -> Bare {
-    let half_mm = FLAT_VOXELS * voxels.edge_mm;
-    let points = &voxels.cloud.points_mm;
+pub(super) fn bare_of_planes(voxels: &Voxels, planes: &[(Vector3<f32>, f32)]) -> Bare {
     let mut all = Bare::default();
-    for (normal, level_mm) in planes(points, half_mm, TABLE_SHARE) {
-        let (normal, level_mm) = fitted(points, normal, level_mm, half_mm);
-        let Bare { places, voxels } = bare(voxels, &normal, level_mm);
+    for (normal, level_mm) in planes {
+        let Bare { places, voxels } = bare(voxels, normal, *level_mm);
         all.places.extend(places);
         all.voxels = all.voxels.max(voxels);
     }
@@ -90,24 +92,23 @@ fn bare(voxels: &Voxels, up: &Vector3<f32>, level_mm: f32) -> Bare {
     Bare { places, voxels: (edge_mm / voxels.edge_mm).powi(2) as i64 }
 }
 
-/// The table that is about here and faces about this way.
+/// The table that is here and faces this way.
 fn table_at(voxels: &Voxels, up: &Vector3<f32>, level_mm: f32, looks: &Looks) -> Option<Table> {
     let (points, normals) = (&voxels.cloud.points_mm, &voxels.cloud.normals);
     let total = points.len() as f32;
     let half_mm = FLAT_VOXELS * voxels.edge_mm;
-    let (up, level_mm) = fitted(points, *up, level_mm, half_mm);
-    let height = |p: &Point3<f32>| p.coords.dot(&up) - level_mm;
+    let height = |p: &Point3<f32>| p.coords.dot(up) - level_mm;
     let is_on =
-        |(p, n): (&Point3<f32>, &Vector3<f32>)| height(p).abs() < half_mm && n.dot(&up).abs() > ABOUT_ALONG;
+        |(p, n): (&Point3<f32>, &Vector3<f32>)| height(p).abs() < half_mm && n.dot(up).abs() > ABOUT_ALONG;
     let on: Vec<bool> = points.iter().zip(normals).map(is_on).collect();
     let count = on.iter().filter(|on| **on).count() as f32;
-    if count < TABLE_SHARE * total || !stands_on(points, &up, level_mm, half_mm) {
+    if count < TABLE_SHARE * total || !stands_on(points, up, level_mm, half_mm) {
         return None;
     }
-    let over = looks.half(&up);
+    let over = looks.half(up);
     // From below, nothing hides it in any case; from above, a third of all looks must see it.
     let is_open = |i: usize| 3 * (looks.seen[i] & over).count_ones() > over.count_ones();
     let open = (0..points.len()).filter(|&i| on[i] && is_open(i)).count();
-    let carries = carries(points, &up, level_mm, half_mm);
-    (open as f32 > OPEN * count).then_some(Table { up, level_mm, share: count / total, carries })
+    let carries = carries(points, up, level_mm, half_mm);
+    (open as f32 > OPEN * count).then_some(Table { up: *up, level_mm, share: count / total, carries })
 }
