@@ -156,6 +156,10 @@ fn the_guide_shows_pictures_of_the_page_as_it_is() {
     shown.sort();
     names.sort_unstable();
     assert_eq!(shown, names, "what the guide names, and what is made here");
+    let files = fs::read_dir(&folder).unwrap().map(|file| file.unwrap().file_name().into_string().unwrap());
+    let mut kept: Vec<String> = files.filter(|name| !name.ends_with(".svg")).collect();
+    kept.sort();
+    assert_eq!(kept, names, "a picture that nothing shows");
     assert!(made.len() <= MOST_PICTURES);
     let mut browser = Browser::open(&chromium, "<!doctype html><title>pictures</title>");
     for (name, webp) in &made {

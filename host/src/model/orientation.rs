@@ -16,8 +16,8 @@ use rayon::prelude::*;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-use looks::{ALL, Bare, Directions, Looks};
-use table::{Table, bare_of_planes, large_planes, table};
+use looks::{ALL, Directions, Looks};
+use table::{Table, table};
 
 /// Neighbours within so many voxels have a say on a side.
 const REACH_VOXELS: f32 = 2.5;
@@ -58,8 +58,8 @@ pub fn seen(voxels: &Voxels, given: bool) -> Orientation {
     let normals = &voxels.cloud.normals;
     let looks = Looks::at(voxels);
     let (from, from_above, table) = from(voxels, &looks);
-    let bare = table.map_or_else(Bare::default, |table| table.bare(voxels));
-    let at_one = looks.at_one(voxels, from, looks.sees_bare(voxels, &bare, from));
+    let (bare, weight) = table.map_or_else(Default::default, |table| table.bare(voxels));
+    let at_one = looks.at_one(voxels, from, looks.bare(voxels, &bare, weight, from));
     let votes = smoothed(voxels, &votes(&looks.counts(normals, at_one)));
     let judged = votes.iter().filter(|vote| vote.abs() > 0.5);
     let (agree, all) = judged.fold((0u32, 0u32), |(yes, all), vote| (yes + u32::from(*vote > 0.0), all + 1));
@@ -117,14 +117,11 @@ const SPREAD_VOXELS: f32 = 2.0;
 /// Whence a cloud was scanned, whether that is from above, +z, only because what is seen does not tell, and its table.
 ///
 /// From over the table, or from the half of all directions that sees nearly everything. A sheet without thickness is seen as
-/// well from behind: then from where what was not scanned is hidden; or else from above, if above is over it. Else from all round.
+/// well from behind: then from above, if above is over it. Else from all round.
 fn from(voxels: &Voxels, looks: &Looks) -> (Directions, bool, Option<Table>) {
-    let planes = large_planes(voxels);
     let axes = common_axes(&voxels.cloud.normals);
     let shown = |up: &Vector3<f32>| looks.share(looks.half(up));
-    if let Some(table) =
-        table(voxels, &planes, looks).filter(|table| table.carries || shown(&-table.up) <= WHOLE)
-    {
+    if let Some(table) = table(voxels, looks).filter(|table| table.carries || shown(&-table.up) <= WHOLE) {
         return (looks.half(&table.up), false, Some(table));
     }
     let whole =
@@ -132,13 +129,6 @@ fn from(voxels: &Voxels, looks: &Looks) -> (Directions, bool, Option<Table>) {
     let axes: Vec<_> = axes.into_iter().map(whole).collect();
     let above = axes.iter().filter(|[one, other]| one.0 && other.0).flatten().map(|(.., up)| *up);
     if let Some(up) = above.max_by(|a, b| a.z.total_cmp(&b.z)) {
-        let bare = looks.sees_bare(voxels, &bare_of_planes(voxels, &planes), ALL);
-        let [over, under] =
-            [up, -up].map(|up| looks.half(&up)).map(|half| (looks.most_seen(half, &bare), half));
-        let (more, less) = if over.0 > under.0 { (over, under) } else { (under, over) };
-        if (more.0 - less.0) as f32 > (1.0 - WHOLE) * voxels.cloud.points_mm.len() as f32 {
-            return (more.1, false, None);
-        }
         let assumed = up.z > LEAST_UP;
         return (if assumed { looks.half(&up) } else { ALL }, assumed, None);
     }
@@ -257,7 +247,7 @@ mod tests {
             let sides = seen(&voxels, false);
             let wrong = sides.normals.iter().zip(&truth).filter(|(a, b)| a.dot(b) < 0.0).count();
             assert!(wrong * 500 < truth.len(), "{wrong} of {}", truth.len());
-            let table = table(&voxels, &large_planes(&voxels), &Looks::at(&voxels));
+            let table = table(&voxels, &Looks::at(&voxels));
             assert!(table.unwrap().up.dot(&(turn * Vector3::z())) > 0.999);
             assert_eq!(sides.borne_out, None);
         }

@@ -28,14 +28,6 @@ pub(super) struct Looks {
     pub(super) seen: Vec<Directions>,
 }
 
-/// Places where something was not scanned, as it was hidden from whatever scanned the rest.
-#[derive(Default)]
-pub(super) struct Bare {
-    pub(super) places: Vec<Point3<f32>>,
-    /// Of how many voxels each place is.
-    pub(super) voxels: i64,
-}
-
 /// Some of the directions: a bit for each.
 pub(super) type Directions = u128;
 const _: () = assert!(LOOKS < Directions::BITS as usize);
@@ -90,11 +82,17 @@ impl Looks {
         self.seen.iter().filter(|seen| **seen & from != 0).count() as f32 / self.seen.len().max(1) as f32
     }
 
-    /// Of how many voxels the bare places are that each of these directions sees; less what all of them see.
-    pub(super) fn sees_bare(&self, voxels: &Voxels, bare: &Bare, from: Directions) -> [i64; LOOKS] {
+    /// From how many of `places`, each of `weight` voxels, nothing hides each of these directions; less what all of them see.
+    pub(super) fn bare(
+        &self,
+        voxels: &Voxels,
+        places: &[Point3<f32>],
+        weight: i64,
+        from: Directions,
+    ) -> [i64; LOOKS] {
         let count = |k: usize| {
             let picture = Picture::new(&voxels.cloud.points_mm, voxels.edge_mm, &self.directions[k]);
-            (k, bare.voxels * bare.places.iter().filter(|place| picture.is_bare(place)).count() as i64)
+            (k, weight * places.iter().filter(|place| picture.is_bare(place)).count() as i64)
         };
         let counts: Vec<(usize, i64)> = bits(from).collect::<Vec<_>>().into_par_iter().map(count).collect();
         let least = counts.iter().map(|(_, count)| *count).min().unwrap_or(0);
@@ -133,13 +131,6 @@ impl Looks {
         }
         let at_one = |k: &usize| against[*k] as f32 <= MOST_AGAINST * all[*k] as f32;
         bits(from).filter(at_one).map(|k| 1 << k).sum()
-    }
-
-    /// The most that one of these directions sees, voxels, less the `bare` that it would have seen besides.
-    pub(super) fn most_seen(&self, from: Directions, bare: &[i64; LOOKS]) -> i64 {
-        let mut seen = bare.map(|count| -count);
-        self.seen.iter().flat_map(|seen| bits(seen & from)).for_each(|k| seen[k] += 1);
-        bits(from).map(|k| seen[k]).max().unwrap_or(0)
     }
 
     /// How many of these directions see each voxel from the side of its normal, and from the other.

@@ -1,6 +1,6 @@
 //! The plane on which the work stands, sought where nobody knows a side.
 
-use super::looks::{Bare, Looks};
+use super::looks::Looks;
 use crate::geometry::table::{WAYS, carries, fitted, planes, stands_on, ways};
 use crate::model::downsampling::Voxels;
 use nalgebra::{Point3, Vector3};
@@ -28,17 +28,12 @@ pub(super) struct Table {
     pub(super) carries: bool,
 }
 
-/// Unit normal and level, mm, of each large plane of a cloud.
-pub(super) fn large_planes(voxels: &Voxels) -> Vec<(Vector3<f32>, f32)> {
+/// The largest table among the planes of a cloud.
+pub(super) fn table(voxels: &Voxels, looks: &Looks) -> Option<Table> {
     let half_mm = FLAT_VOXELS * voxels.edge_mm;
-    let points = &voxels.cloud.points_mm;
-    let fit = |(normal, level_mm)| fitted(points, normal, level_mm, half_mm);
-    planes(points, half_mm, TABLE_SHARE).into_iter().map(fit).collect()
-}
-
-/// The largest table among the large planes of a cloud.
-pub(super) fn table(voxels: &Voxels, planes: &[(Vector3<f32>, f32)], looks: &Looks) -> Option<Table> {
-    let sides: Vec<_> = planes.iter().flat_map(|(n, level_mm)| [(*n, *level_mm), (-n, -level_mm)]).collect();
+    let planes = planes(&voxels.cloud.points_mm, half_mm, TABLE_SHARE);
+    let sides: Vec<_> =
+        planes.into_iter().flat_map(|(n, level_mm)| [(n, level_mm), (-n, -level_mm)]).collect();
     let tables: Vec<Table> =
         sides.par_iter().filter_map(|(up, level_mm)| table_at(voxels, up, *level_mm, looks)).collect();
     tables.into_iter().max_by(|a, b| a.share.total_cmp(&b.share))
@@ -49,66 +44,53 @@ const PLACE_VOXELS: f32 = 4.0;
 const PLACES: f32 = 500.0;
 
 impl Table {
-    /// Places of it amid what was scanned of it where it was not scanned.
-    pub(super) fn bare(&self, voxels: &Voxels) -> Bare {
-        bare(voxels, &self.up, self.level_mm)
+    /// Places of it amid the scan where it was not scanned, and of how many voxels each is.
+    pub(super) fn bare(&self, voxels: &Voxels) -> (Vec<Point3<f32>>, i64) {
+        let points = &voxels.cloud.points_mm;
+        let ways = ways(&self.up);
+        let reach_mm = ways.map(|way| points.iter().map(|p| way.dot(&p.coords)).fold(f32::MIN, f32::max));
+        // A quarter of the way round from one to the other, and half of it to where the scan begins.
+        let axes = [0, WAYS / 4].map(|k| (ways[k], -reach_mm[k + WAYS / 2], reach_mm[k]));
+        let widest_mm = axes.map(|(_, low, high)| high - low).into_iter().fold(0.0, f32::max);
+        let edge_mm = (PLACE_VOXELS * voxels.edge_mm).max(widest_mm / PLACES);
+        let place =
+            |p: &Point3<f32>| axes.map(|(axis, low, _)| ((axis.dot(&p.coords) - low) / edge_mm) as i32);
+        let is_on = |p: &&Point3<f32>| {
+            (self.up.dot(&p.coords) - self.level_mm).abs() < 2.0 * FLAT_VOXELS * voxels.edge_mm
+        };
+        let scanned: HashSet<[i32; 2]> = points.iter().filter(is_on).map(place).collect();
+        let [columns, rows] = axes.map(|(_, low, high)| ((high - low) / edge_mm) as i32);
+        let all = (0..columns).flat_map(|i| (0..rows).map(move |j| [i, j]));
+        let at = |[i, j]: [i32; 2]| {
+            let along =
+                axes.iter().zip([i, j]).map(|((axis, low, _), k)| axis * (low + edge_mm * (k as f32 + 0.5)));
+            Point3::from(along.sum::<Vector3<f32>>() + self.up * self.level_mm)
+        };
+        let is_amid =
+            |p: &Point3<f32>| ways.iter().zip(&reach_mm).all(|(way, reach)| way.dot(&p.coords) < *reach);
+        let bare = all.filter(|place| !scanned.contains(place)).map(at).filter(is_amid).collect();
+        (bare, (edge_mm / voxels.edge_mm).powi(2) as i64)
     }
 }
 
-/// Such places of all large planes.
-pub(super) fn bare_of_planes(voxels: &Voxels, planes: &[(Vector3<f32>, f32)]) -> Bare {
-    let mut all = Bare::default();
-    for (normal, level_mm) in planes {
-        let Bare { places, voxels } = bare(voxels, normal, *level_mm);
-        all.places.extend(places);
-        all.voxels = all.voxels.max(voxels);
-    }
-    all
-}
-
-/// Places of the plane at `level_mm` along `up` amid what was scanned of it where it was not scanned.
-fn bare(voxels: &Voxels, up: &Vector3<f32>, level_mm: f32) -> Bare {
-    let near_mm = 2.0 * FLAT_VOXELS * voxels.edge_mm;
-    let points = voxels.cloud.points_mm.iter();
-    let on: Vec<&Point3<f32>> = points.filter(|p| (up.dot(&p.coords) - level_mm).abs() < near_mm).collect();
-    let ways = ways(up);
-    let reach_mm = ways.map(|way| on.iter().map(|p| way.dot(&p.coords)).fold(f32::MIN, f32::max));
-    // A quarter of the way round from one to the other, and half of it to where the plane begins.
-    let axes = [0, WAYS / 4].map(|k| (ways[k], -reach_mm[k + WAYS / 2], reach_mm[k]));
-    let widest_mm = axes.map(|(_, low, high)| high - low).into_iter().fold(0.0, f32::max);
-    let edge_mm = (PLACE_VOXELS * voxels.edge_mm).max(widest_mm / PLACES);
-    let place = |p: &Point3<f32>| axes.map(|(axis, low, _)| ((axis.dot(&p.coords) - low) / edge_mm) as i32);
-    let scanned: HashSet<[i32; 2]> = on.iter().map(|p| place(p)).collect();
-    let [columns, rows] = axes.map(|(_, low, high)| ((high - low) / edge_mm) as i32);
-    let all = (0..columns).flat_map(|i| (0..rows).map(move |j| [i, j]));
-    let at = |[i, j]: [i32; 2]| {
-        let along =
-            axes.iter().zip([i, j]).map(|((axis, low, _), k)| axis * (low + edge_mm * (k as f32 + 0.5)));
-        Point3::from(along.sum::<Vector3<f32>>() + up * level_mm)
-    };
-    let is_amid =
-        |p: &Point3<f32>| ways.iter().zip(&reach_mm).all(|(way, reach)| way.dot(&p.coords) < *reach);
-    let places = all.filter(|place| !scanned.contains(place)).map(at).filter(is_amid).collect();
-    Bare { places, voxels: (edge_mm / voxels.edge_mm).powi(2) as i64 }
-}
-
-/// The table that is here and faces this way.
+/// The table that is about here and faces about this way.
 fn table_at(voxels: &Voxels, up: &Vector3<f32>, level_mm: f32, looks: &Looks) -> Option<Table> {
     let (points, normals) = (&voxels.cloud.points_mm, &voxels.cloud.normals);
     let total = points.len() as f32;
     let half_mm = FLAT_VOXELS * voxels.edge_mm;
-    let height = |p: &Point3<f32>| p.coords.dot(up) - level_mm;
+    let (up, level_mm) = fitted(points, *up, level_mm, half_mm);
+    let height = |p: &Point3<f32>| p.coords.dot(&up) - level_mm;
     let is_on =
-        |(p, n): (&Point3<f32>, &Vector3<f32>)| height(p).abs() < half_mm && n.dot(up).abs() > ABOUT_ALONG;
+        |(p, n): (&Point3<f32>, &Vector3<f32>)| height(p).abs() < half_mm && n.dot(&up).abs() > ABOUT_ALONG;
     let on: Vec<bool> = points.iter().zip(normals).map(is_on).collect();
     let count = on.iter().filter(|on| **on).count() as f32;
-    if count < TABLE_SHARE * total || !stands_on(points, up, level_mm, half_mm) {
+    if count < TABLE_SHARE * total || !stands_on(points, &up, level_mm, half_mm) {
         return None;
     }
-    let over = looks.half(up);
+    let over = looks.half(&up);
     // From below, nothing hides it in any case; from above, a third of all looks must see it.
     let is_open = |i: usize| 3 * (looks.seen[i] & over).count_ones() > over.count_ones();
     let open = (0..points.len()).filter(|&i| on[i] && is_open(i)).count();
-    let carries = carries(points, up, level_mm, half_mm);
-    (open as f32 > OPEN * count).then_some(Table { up: *up, level_mm, share: count / total, carries })
+    let carries = carries(points, &up, level_mm, half_mm);
+    (open as f32 > OPEN * count).then_some(Table { up, level_mm, share: count / total, carries })
 }
