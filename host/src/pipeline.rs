@@ -118,7 +118,7 @@ pub struct Plan {
     pub derived: Vec<Derived>,
     /// Stage name and wall time, seconds.
     pub stage_s: Vec<(Cow<'static, str>, f64)>,
-    /// Whether nothing tells from which side the work was seen, and it is taken as seen from above, +z.
+    /// Whether what was seen hardly tells from which side, and it is assumed.
     pub orientation_assumed: bool,
     /// Of the seams that were asked for, those that are not there, and why.
     pub unmet: Vec<String>,

@@ -174,7 +174,7 @@ pub struct Found {
     pub warnings: Vec<String>,
     /// Why there is no seam, if there is none.
     pub reason: String,
-    /// Whether the air side of the faces is assumed to be the one seen from above, +z.
+    /// Whether the air side of the faces is assumed, as the cloud looks nearly alike from both.
     pub orientation_assumed: bool,
     /// Intensity gate, for the report.
     pub gate: f32,

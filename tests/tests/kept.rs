@@ -178,7 +178,10 @@ fn an_edit_of_one_seam_begins_no_stage_but_those_of_that_seam() {
             let edited = with(&job, &text(k));
             let begun = Instant::now();
             let (began, found) = find(&edited, &kept);
-            println!("{edit}: {:.1} % of a plan", 100.0 * begun.elapsed().as_secs_f64() / whole.as_secs_f64());
+            println!(
+                "{edit}: {:.1} % of a plan",
+                100.0 * begun.elapsed().as_secs_f64() / whole.as_secs_f64()
+            );
             assert_eq!(began, stages, "{edit}");
             if k == 1 {
                 let ours = files(&found.unwrap(), &edited);

@@ -7,16 +7,18 @@
 //! knows an axis or a unit: only the voxels.
 
 mod looks;
+mod sides;
 mod table;
 
 use crate::geometry::grid::Grid;
 use crate::model::downsampling::Voxels;
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Point3, Vector3};
 use rayon::prelude::*;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-use looks::{ALL, Directions, Looks};
+use looks::{ALL, Directions, LOOKS, Looks};
+use sides::Sides;
 use table::{Table, table};
 
 /// Neighbours within so many voxels have a say on a side.
@@ -31,7 +33,7 @@ pub struct Orientation {
     pub normals: Vec<Vector3<f32>>,
     /// Which of them nothing was known of.
     pub unknown: Vec<bool>,
-    /// Whether the cloud looks alike from over and from below, and is taken as seen from above, +z.
+    /// Whether the cloud looks nearly alike from both sides: it is taken as seen from above, +z, or as what protrudes.
     pub assumed: bool,
     /// Share of the given sides that what is seen bears out; none if none were given.
     pub borne_out: Option<f32>,
@@ -58,8 +60,16 @@ pub fn seen(voxels: &Voxels, given: bool) -> Orientation {
     let normals = &voxels.cloud.normals;
     let looks = Looks::at(voxels);
     let (from, from_above, table) = from(voxels, &looks);
-    let (bare, weight) = table.map_or_else(Default::default, |table| table.bare(voxels));
-    let at_one = looks.at_one(voxels, from, looks.bare(voxels, &bare, weight, from));
+    let points = &voxels.cloud.points_mm;
+    let of_table = |p| table.as_ref().is_some_and(|table| table.is_of(p, voxels.edge_mm));
+    let of_table: Vec<bool> = points.iter().map(of_table).collect();
+    let bare = table.as_ref().map_or([0; LOOKS], |table| {
+        let standing = points.iter().zip(&of_table).filter(|(_, of_table)| !**of_table).map(|(p, _)| *p);
+        let standing: Vec<Point3<f32>> = standing.collect();
+        let (places, weight) = table.bare(voxels);
+        looks.bare(&standing, voxels.edge_mm, (&places, weight), from)
+    });
+    let (at_one, unsure) = Sides::new(voxels, &looks, from, &of_table, bare).at_one();
     let votes = smoothed(voxels, &votes(&looks.counts(normals, at_one)));
     let judged = votes.iter().filter(|vote| vote.abs() > 0.5);
     let (agree, all) = judged.fold((0u32, 0u32), |(yes, all), vote| (yes + u32::from(*vote > 0.0), all + 1));
@@ -72,7 +82,7 @@ pub fn seen(voxels: &Voxels, given: bool) -> Orientation {
         _ => spread(voxels, &votes),
     };
     sides.iter_mut().for_each(|n| *n = n.try_normalize(1e-6).unwrap_or_else(Vector3::z));
-    let assumed = from_above && !keeps && !turns;
+    let assumed = (from_above || unsure) && !keeps && !turns;
     Orientation { normals: sides, unknown, assumed, borne_out: given.then_some(share) }
 }
 
@@ -121,16 +131,21 @@ const SPREAD_VOXELS: f32 = 2.0;
 fn from(voxels: &Voxels, looks: &Looks) -> (Directions, bool, Option<Table>) {
     let axes = common_axes(&voxels.cloud.normals);
     let shown = |up: &Vector3<f32>| looks.share(looks.half(up));
-    if let Some(table) = table(voxels, looks).filter(|table| table.carries || shown(&-table.up) <= WHOLE) {
-        return (looks.half(&table.up), false, Some(table));
+    let table = table(voxels, looks);
+    if let Some(table) =
+        table.as_ref().filter(|table| table.carries || table.is_behind || shown(&-table.up) <= WHOLE)
+    {
+        return (looks.half(&table.up), false, Some(*table));
     }
     let whole =
         |axis: Vector3<f32>| [axis, -axis].map(|up| (shown(&up), up)).map(|(s, up)| (s > WHOLE, s, up));
     let axes: Vec<_> = axes.into_iter().map(whole).collect();
     let above = axes.iter().filter(|[one, other]| one.0 && other.0).flatten().map(|(.., up)| *up);
     if let Some(up) = above.max_by(|a, b| a.z.total_cmp(&b.z)) {
-        let assumed = up.z > LEAST_UP;
-        return (if assumed { looks.half(&up) } else { ALL }, assumed, None);
+        if up.z <= LEAST_UP {
+            return (ALL, false, None);
+        }
+        return (looks.half(&up), true, table.filter(|table| table.up.dot(&up) > ONE_AXIS));
     }
     let best = axes.iter().flatten().filter(|(whole, ..)| *whole).max_by(|a, b| a.1.total_cmp(&b.1));
     (best.map_or(ALL, |(.., up)| looks.half(up)), false, None)
@@ -208,7 +223,7 @@ const ONE_AXIS: f32 = 0.98;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::{Point3, UnitQuaternion};
+    use nalgebra::UnitQuaternion;
 
     /// What is seen from above of a table 200 mm wide with a web 8 mm thick, 40 high and 100 long on it, points 1 mm apart, and
     /// the true normals; turned.
@@ -281,6 +296,37 @@ mod tests {
             let sides = seen(&voxels, false);
             let wrong = sides.normals.iter().zip(&truth).filter(|(a, b)| a.dot(b) < 0.0).count();
             assert!(wrong * 200 < truth.len(), "{wrong} of {}", truth.len());
+            assert!(!sides.assumed);
+        }
+    }
+
+    /// An upright plate 300 mm wide and 120 mm high, seen from the front, 40 and 50 degrees above, 80 mm over a table that the picture cuts off
+    /// beside it, with the shadow of the plate; points 1 mm apart.
+    fn hanging(has_table: bool, turn: &UnitQuaternion<f32>) -> (Voxels, Vec<Vector3<f32>>) {
+        let mut rows: Vec<(Point3<f32>, Vector3<f32>)> = Vec::new();
+        for i in -150..=150 {
+            let x = i as f32;
+            rows.extend((80..=200).map(|k| (Point3::new(x, 0.0, k as f32), -Vector3::y())));
+            let table = (-400..=500).filter(|j| has_table && !(95..=168).contains(j));
+            rows.extend(table.map(|j| (Point3::new(x, j as f32, 0.0), Vector3::z())));
+        }
+        let mut voxels = Voxels { edge_mm: 1.0, ..Voxels::default() };
+        voxels.cloud.points_mm = rows.iter().map(|(p, _)| turn * p).collect();
+        let truth: Vec<_> = rows.iter().map(|(_, n)| turn * n).collect();
+        voxels.cloud.normals =
+            truth.iter().enumerate().map(|(k, n)| if k % 3 == 0 { -n } else { *n }).collect();
+        (voxels, truth)
+    }
+
+    #[test]
+    fn what_hangs_over_a_table_has_the_side_that_its_shadow_tells_and_without_a_table_it_is_assumed() {
+        for turn in [UnitQuaternion::identity(), UnitQuaternion::from_euler_angles(2.5, -0.7, 1.9)] {
+            let (voxels, truth) = hanging(true, &turn);
+            let sides = seen(&voxels, false);
+            let wrong = sides.normals.iter().zip(&truth).filter(|(a, b)| a.dot(b) < 0.0).count();
+            assert!(wrong * 200 < truth.len(), "{wrong} of {}", truth.len());
+            assert!(!sides.assumed);
+            assert!(seen(&hanging(false, &turn).0, false).assumed);
         }
     }
 

@@ -117,8 +117,8 @@ pub fn of_plan(plan: &Plan, job: &Job) -> Vec<Finding> {
     found.extend(plan.unmet.iter().map(|words| Finding::new(ReasonId::AskedNotThere, words.clone())));
     found.extend(plan.undrawn.iter().map(|words| Finding::new(ReasonId::DrawnNotThere, words.clone())));
     if plan.orientation_assumed {
-        let words = "the cloud looks alike from over and from below, and is taken as seen from above (+z): see that the torch is on \
-                     the side of the air, or give --camera x,y,z, views with poses, or a cloud with normals";
+        let words = "the cloud looks nearly alike from both sides, and one is assumed: see that the torch is on the side of the air, or \
+                     give --camera x,y,z, views with poses, or a cloud with normals";
         found.push(Finding::new(ReasonId::SideAssumed, words));
     }
     found.extend(of_base_frame(plan));

@@ -1,13 +1,11 @@
-//! What is seen of a cloud by looks from far away, and which of them are at one.
+//! What is seen of a cloud by looks from far away.
 
-use crate::geometry::grid::Grid;
 use crate::model::downsampling::Voxels;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
-use std::cmp::Reverse;
 
 /// Directions all round.
-const LOOKS: usize = 96;
+pub(super) const LOOKS: usize = 96;
 /// Sine of the least height of a look over a table.
 const LEAST_HEIGHT: f32 = 0.12;
 /// Edge of a pixel and depth by which what is seen in it may differ, voxels.
@@ -17,13 +15,11 @@ const DEPTH_VOXELS: f32 = 1.2;
 const LEAST_COSINE: f32 = 0.2;
 /// Share of the pixels along one axis of a look at most: stray points are off the picture.
 const MOST_PIXELS: f32 = 2048.0;
-/// Share of what a look sees that it may see from the wrong side: through the gaps between points, and at borders.
-const MOST_AGAINST: f32 = 0.05;
 
 /// What is seen of a cloud from directions all round.
 pub(super) struct Looks {
     /// Unit directions, evenly spread (Fibonacci's spiral).
-    directions: Vec<Vector3<f32>>,
+    pub(super) directions: Vec<Vector3<f32>>,
     /// Which of them see each voxel, a bit for each.
     pub(super) seen: Vec<Directions>,
 }
@@ -35,7 +31,7 @@ const _: () = assert!(LOOKS < Directions::BITS as usize);
 pub(super) const ALL: Directions = (1 << LOOKS) - 1;
 
 /// Their numbers.
-fn bits(mut left: Directions) -> impl Iterator<Item = usize> {
+pub(super) fn bits(mut left: Directions) -> impl Iterator<Item = usize> {
     std::iter::from_fn(move || {
         let lowest = (left != 0).then(|| left.trailing_zeros() as usize);
         left &= left.wrapping_sub(1);
@@ -82,55 +78,27 @@ impl Looks {
         self.seen.iter().filter(|seen| **seen & from != 0).count() as f32 / self.seen.len().max(1) as f32
     }
 
-    /// From how many of `places`, each of `weight` voxels, nothing hides each of these directions; less what all of them see.
+    /// From how many of `places`, each of `weight` voxels, nothing of what stands on the table, `standing`, hides each of these
+    /// directions; less what all of them see.
     pub(super) fn bare(
         &self,
-        voxels: &Voxels,
-        places: &[Point3<f32>],
-        weight: i64,
+        standing: &[Point3<f32>],
+        edge_mm: f32,
+        (places, weight): (&[Point3<f32>], i64),
         from: Directions,
     ) -> [i64; LOOKS] {
+        let mut bare = [0; LOOKS];
+        if standing.is_empty() || places.is_empty() {
+            return bare;
+        }
         let count = |k: usize| {
-            let picture = Picture::new(&voxels.cloud.points_mm, voxels.edge_mm, &self.directions[k]);
+            let picture = Picture::new(standing, edge_mm, &self.directions[k]);
             (k, weight * places.iter().filter(|place| picture.is_bare(place)).count() as i64)
         };
         let counts: Vec<(usize, i64)> = bits(from).collect::<Vec<_>>().into_par_iter().map(count).collect();
         let least = counts.iter().map(|(_, count)| *count).min().unwrap_or(0);
-        let mut bare = [0; LOOKS];
         counts.into_iter().for_each(|(k, count)| bare[k] = count - least);
         bare
-    }
-
-    /// Those of these directions that are at one on the side of what they see; `bare` is what each would have seen besides.
-    ///
-    /// A wall of which one side was scanned is seen from behind as well. But from there one sees the place where the wall hid
-    /// the table from the camera, and what lies before the wall is hidden. So the look that shows most comes first, then
-    /// always the one that adds most that is new, less what it sees from the other side than is settled.
-    pub(super) fn at_one(&self, voxels: &Voxels, from: Directions, bare: [i64; LOOKS]) -> Directions {
-        let normals = &voxels.cloud.normals;
-        let mut settled = rough(voxels);
-        let (mut new, mut against) = ([0i64; LOOKS], [0i64; LOOKS]);
-        let judged = self.seen.iter().zip(&settled).filter(|(_, settled)| !**settled);
-        judged.flat_map(|(seen, _)| bits(seen & from)).for_each(|k| new[k] += 1);
-        let all = new;
-        let behind = |n: &Vector3<f32>, k: usize| n.dot(&self.directions[k]) < 0.0;
-        loop {
-            let adds = bits(from).filter(|k| new[*k] > against[*k]);
-            let Some(best) = adds.max_by_key(|k| (new[*k] - against[*k] - bare[*k], Reverse(*k))) else {
-                break;
-            };
-            for (i, n) in normals.iter().enumerate() {
-                if self.seen[i] >> best & 1 == 0 || std::mem::replace(&mut settled[i], true) {
-                    continue;
-                }
-                for k in bits(self.seen[i] & from) {
-                    new[k] -= 1;
-                    against[k] += i64::from(behind(n, k) != behind(n, best));
-                }
-            }
-        }
-        let at_one = |k: &usize| against[*k] as f32 <= MOST_AGAINST * all[*k] as f32;
-        bits(from).filter(at_one).map(|k| 1 << k).sum()
     }
 
     /// How many of these directions see each voxel from the side of its normal, and from the other.
@@ -143,26 +111,6 @@ impl Looks {
         self.seen.par_iter().zip(normals).map(count).collect()
     }
 }
-
-/// Which voxels have normals that say nothing of their side: those of their neighbours turn another way.
-fn rough(voxels: &Voxels) -> Vec<bool> {
-    let (points, normals) = (&voxels.cloud.points_mm, &voxels.cloud.normals);
-    let reach_mm = STEADY_VOXELS * voxels.edge_mm;
-    let grid = Grid::new(points, reach_mm);
-    let is_rough = |i: usize| {
-        let (mut alike, mut count) = (0.0, 0.0);
-        grid.within(&points[i], reach_mm, |slot, _| {
-            alike += normals[i].dot(&normals[grid.index(slot)]).abs();
-            count += 1.0;
-        });
-        alike < STEADY_COSINE * count
-    };
-    (0..points.len()).into_par_iter().map(is_rough).collect()
-}
-
-/// Neighbours within so many voxels, and how alike theirs must be to a normal, as a mean cosine: 26 degrees.
-const STEADY_VOXELS: f32 = 1.8;
-const STEADY_COSINE: f32 = 0.9;
 
 /// What a look from far away shows of points.
 struct Picture<'a> {
@@ -215,9 +163,9 @@ impl<'a> Picture<'a> {
         self.points.iter().zip(normals).map(sees).collect()
     }
 
-    /// Whether nothing was scanned before this place.
+    /// Whether nothing is before this place.
     fn is_bare(&self, place: &Point3<f32>) -> bool {
-        self.pixel(place).is_some_and(|pixel| self.nearest_mm[pixel] < place.coords.dot(&self.look))
+        self.pixel(place).is_none_or(|pixel| self.nearest_mm[pixel] < place.coords.dot(&self.look))
     }
 }
 

@@ -1,6 +1,6 @@
 //! The plane on which the work stands, sought where nobody knows a side.
 
-use super::looks::Looks;
+use super::looks::{Directions, Looks};
 use crate::geometry::table::{WAYS, carries, fitted, planes, stands_on, ways};
 use crate::model::downsampling::Voxels;
 use nalgebra::{Point3, Vector3};
@@ -16,7 +16,15 @@ const FLAT_VOXELS: f32 = 1.5;
 /// Least share of it that is seen from over it: the underside of a plate is hidden by the plate.
 const OPEN: f32 = 0.5;
 
+/// Heights above it, half thicknesses, of what stands on it and of what is far from it; the share of what stands that may be nearer;
+/// and how many times as many looks must see it from over the table as from below.
+const STANDS: f32 = 3.0;
+const FAR: f32 = 6.0;
+const MOST_LOW: f32 = 0.01;
+const BETTER: f32 = 1.5;
+
 /// A large plane with nothing behind it, on which the rest stands, and which is seen from there.
+#[derive(Clone, Copy)]
 pub(super) struct Table {
     /// The way it faces.
     pub(super) up: Vector3<f32>,
@@ -26,6 +34,9 @@ pub(super) struct Table {
     /// Whether the rest stands on it, wherever the picture ends: blocks stand on tables, and hardly a pocket of their shape is
     /// sunk into a plate that is seen from its other side.
     pub(super) carries: bool,
+    /// Whether it lies behind the rest, which is far from it: the walls of a pocket reach to its plane, and of one without walls its
+    /// bottom is seen nearly as well.
+    pub(super) is_behind: bool,
 }
 
 /// The largest table among the planes of a cloud.
@@ -44,6 +55,11 @@ const PLACE_VOXELS: f32 = 4.0;
 const PLACES: f32 = 500.0;
 
 impl Table {
+    /// Whether a voxel is of it.
+    pub(super) fn is_of(&self, p: &Point3<f32>, edge_mm: f32) -> bool {
+        (self.up.dot(&p.coords) - self.level_mm).abs() < 2.0 * FLAT_VOXELS * edge_mm
+    }
+
     /// Places of it amid the scan where it was not scanned, and of how many voxels each is.
     pub(super) fn bare(&self, voxels: &Voxels) -> (Vec<Point3<f32>>, i64) {
         let points = &voxels.cloud.points_mm;
@@ -55,10 +71,8 @@ impl Table {
         let edge_mm = (PLACE_VOXELS * voxels.edge_mm).max(widest_mm / PLACES);
         let place =
             |p: &Point3<f32>| axes.map(|(axis, low, _)| ((axis.dot(&p.coords) - low) / edge_mm) as i32);
-        let is_on = |p: &&Point3<f32>| {
-            (self.up.dot(&p.coords) - self.level_mm).abs() < 2.0 * FLAT_VOXELS * voxels.edge_mm
-        };
-        let scanned: HashSet<[i32; 2]> = points.iter().filter(is_on).map(place).collect();
+        let scanned: HashSet<[i32; 2]> =
+            points.iter().filter(|p| self.is_of(p, voxels.edge_mm)).map(place).collect();
         let [columns, rows] = axes.map(|(_, low, high)| ((high - low) / edge_mm) as i32);
         let all = (0..columns).flat_map(|i| (0..rows).map(move |j| [i, j]));
         let at = |[i, j]: [i32; 2]| {
@@ -92,5 +106,13 @@ fn table_at(voxels: &Voxels, up: &Vector3<f32>, level_mm: f32, looks: &Looks) ->
     let is_open = |i: usize| 3 * (looks.seen[i] & over).count_ones() > over.count_ones();
     let open = (0..points.len()).filter(|&i| on[i] && is_open(i)).count();
     let carries = carries(points, &up, level_mm, half_mm);
-    (open as f32 > OPEN * count).then_some(Table { up, level_mm, share: count / total, carries })
+    let standing: Vec<usize> = (0..points.len()).filter(|&i| height(&points[i]) > STANDS * half_mm).collect();
+    let low = standing.iter().filter(|&&i| height(&points[i]) < FAR * half_mm).count();
+    let sees = |from: Directions| {
+        let looks = standing.iter().map(|&i| (looks.seen[i] & from).count_ones());
+        looks.sum::<u32>() as f32 / from.count_ones() as f32
+    };
+    let is_behind =
+        low as f32 <= MOST_LOW * standing.len() as f32 && sees(over) > BETTER * sees(looks.half(&-up));
+    (open as f32 > OPEN * count).then_some(Table { up, level_mm, share: count / total, carries, is_behind })
 }
