@@ -60,12 +60,16 @@ impl Table {
         (self.up.dot(&p.coords) - self.level_mm).abs() < 2.0 * FLAT_VOXELS * edge_mm
     }
 
-    /// Places of it amid the scan where it was not scanned, and of how many voxels each is.
+    /// Places of it where it was not scanned, amid what was scanned of it and of what stands on it, and of how many voxels each is.
+    /// Beyond that it may end: work can hang beside a table.
     pub(super) fn bare(&self, voxels: &Voxels) -> (Vec<Point3<f32>>, i64) {
         let points = &voxels.cloud.points_mm;
         let ways = ways(&self.up);
-        let reach_mm = ways.map(|way| points.iter().map(|p| way.dot(&p.coords)).fold(f32::MIN, f32::max));
-        // A quarter of the way round from one to the other, and half of it to where the scan begins.
+        let near_mm = FAR * FLAT_VOXELS * voxels.edge_mm;
+        let near = points.iter().filter(|p| (self.up.dot(&p.coords) - self.level_mm).abs() < near_mm);
+        let near: Vec<&Point3<f32>> = near.collect();
+        let reach_mm = ways.map(|way| near.iter().map(|p| way.dot(&p.coords)).fold(f32::MIN, f32::max));
+        // A quarter of the way round from one to the other, and half of it to where they begin.
         let axes = [0, WAYS / 4].map(|k| (ways[k], -reach_mm[k + WAYS / 2], reach_mm[k]));
         let widest_mm = axes.map(|(_, low, high)| high - low).into_iter().fold(0.0, f32::max);
         let edge_mm = (PLACE_VOXELS * voxels.edge_mm).max(widest_mm / PLACES);
