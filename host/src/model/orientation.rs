@@ -17,7 +17,7 @@ use rayon::prelude::*;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-use looks::{ALL, Directions, LOOKS, Looks};
+use looks::{ALL, Directions, Looks, Shadows};
 use sides::Sides;
 use table::{Table, table};
 
@@ -63,13 +63,12 @@ pub fn seen(voxels: &Voxels, given: bool) -> Orientation {
     let points = &voxels.cloud.points_mm;
     let of_table = |p| table.as_ref().is_some_and(|table| table.is_of(p, voxels.edge_mm));
     let of_table: Vec<bool> = points.iter().map(of_table).collect();
-    let bare = table.as_ref().map_or([0; LOOKS], |table| {
+    let shadows = table.as_ref().map_or_else(Shadows::default, |table| {
         let standing = points.iter().zip(&of_table).filter(|(_, of_table)| !**of_table).map(|(p, _)| *p);
         let standing: Vec<Point3<f32>> = standing.collect();
-        let (places, weight) = table.bare(voxels);
-        looks.bare(&standing, voxels.edge_mm, (&places, weight), from)
+        looks.shadows(&standing, voxels.edge_mm, &table.places(voxels), from)
     });
-    let (at_one, unsure) = Sides::new(voxels, &looks, from, &of_table, bare).at_one();
+    let (at_one, unsure) = Sides::new(voxels, &looks, from, &of_table, shadows).at_one();
     let votes = smoothed(voxels, &votes(&looks.counts(normals, at_one)));
     let judged = votes.iter().filter(|vote| vote.abs() > 0.5);
     let (agree, all) = judged.fold((0u32, 0u32), |(yes, all), vote| (yes + u32::from(*vote > 0.0), all + 1));

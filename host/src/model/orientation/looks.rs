@@ -1,5 +1,6 @@
 //! What is seen of a cloud by looks from far away.
 
+use super::table::Places;
 use crate::model::downsampling::Voxels;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -22,6 +23,18 @@ pub(super) struct Looks {
     pub(super) directions: Vec<Vector3<f32>>,
     /// Which of them see each voxel, a bit for each.
     pub(super) seen: Vec<Directions>,
+}
+
+/// What of a table speaks against each direction, voxels: what is bare and seen, and what was scanned and is hidden.
+pub(super) struct Shadows {
+    pub(super) bare: [i64; LOOKS],
+    pub(super) hidden: [i64; LOOKS],
+}
+
+impl Default for Shadows {
+    fn default() -> Self {
+        Self { bare: [0; LOOKS], hidden: [0; LOOKS] }
+    }
 }
 
 /// Some of the directions: a bit for each.
@@ -78,27 +91,31 @@ impl Looks {
         self.seen.iter().filter(|seen| **seen & from != 0).count() as f32 / self.seen.len().max(1) as f32
     }
 
-    /// From how many of `places`, each of `weight` voxels, nothing of what stands on the table, `standing`, hides each of these
-    /// directions; less what all of them see.
-    pub(super) fn bare(
+    /// What of a table speaks against each of these directions, voxels: the bare places that it sees, and the scanned ones that what
+    /// stands on the table, `standing`, hides from it; of each less the least.
+    pub(super) fn shadows(
         &self,
         standing: &[Point3<f32>],
         edge_mm: f32,
-        (places, weight): (&[Point3<f32>], i64),
+        places: &Places,
         from: Directions,
-    ) -> [i64; LOOKS] {
-        let mut bare = [0; LOOKS];
-        if standing.is_empty() || places.is_empty() {
-            return bare;
+    ) -> Shadows {
+        let mut shadows = Shadows::default();
+        if standing.is_empty() {
+            return shadows;
         }
         let count = |k: usize| {
             let picture = Picture::new(standing, edge_mm, &self.directions[k]);
-            (k, weight * places.iter().filter(|place| picture.is_bare(place)).count() as i64)
+            let bare = places.bare.iter().filter(|place| picture.shows(place)).count();
+            let hidden = places.scanned.iter().filter(|place| !picture.shows(place)).count();
+            [bare, hidden].map(|count| places.voxels * count as i64)
         };
-        let counts: Vec<(usize, i64)> = bits(from).collect::<Vec<_>>().into_par_iter().map(count).collect();
-        let least = counts.iter().map(|(_, count)| *count).min().unwrap_or(0);
-        counts.into_iter().for_each(|(k, count)| bare[k] = count - least);
-        bare
+        let all: Vec<_> = bits(from).collect::<Vec<_>>().into_par_iter().map(|k| (k, count(k))).collect();
+        let least = [0, 1].map(|of| all.iter().map(|(_, counts)| counts[of]).min().unwrap_or(0));
+        for (k, [bare, hidden]) in all {
+            (shadows.bare[k], shadows.hidden[k]) = (bare - least[0], hidden - least[1]);
+        }
+        shadows
     }
 
     /// How many of these directions see each voxel from the side of its normal, and from the other.
@@ -164,7 +181,7 @@ impl<'a> Picture<'a> {
     }
 
     /// Whether nothing is before this place.
-    fn is_bare(&self, place: &Point3<f32>) -> bool {
+    fn shows(&self, place: &Point3<f32>) -> bool {
         self.pixel(place).is_none_or(|pixel| self.nearest_mm[pixel] < place.coords.dot(&self.look))
     }
 }

@@ -1,6 +1,6 @@
 //! Which looks see a cloud from the side whence it was scanned.
 
-use super::looks::{Directions, LOOKS, Looks, bits};
+use super::looks::{Directions, LOOKS, Looks, Shadows, bits};
 use crate::geometry::grid::Grid;
 use crate::model::downsampling::Voxels;
 use nalgebra::Vector3;
@@ -25,18 +25,17 @@ pub(super) struct Sides<'a> {
     /// Of each look, how many voxels it sees whose normal says something, and how many of them have a say.
     sees: [i64; LOOKS],
     shows: [i64; LOOKS],
-    /// Of how many voxels the places are that each would have seen besides.
-    bare: [i64; LOOKS],
+    shadows: Shadows,
 }
 
 impl<'a> Sides<'a> {
-    /// Those of `voxels` that look from `from`; of which ones the side is `known`, and what else each look would have seen.
+    /// Those of `voxels` that look from `from`; of which ones the side is `known`, and the `shadows` on its table.
     pub(super) fn new(
         voxels: &'a Voxels,
         looks: &'a Looks,
         from: Directions,
         known: &[bool],
-        bare: [i64; LOOKS],
+        shadows: Shadows,
     ) -> Self {
         let rough = rough(voxels);
         let mute: Vec<bool> = known.iter().zip(&rough).map(|(known, rough)| *known || *rough).collect();
@@ -46,7 +45,7 @@ impl<'a> Sides<'a> {
             counted.flat_map(|(seen, _)| bits(seen & from)).for_each(|k| counts[k] += 1);
             counts
         });
-        Self { looks, normals: &voxels.cloud.normals, from, mute, sees, shows, bare }
+        Self { looks, normals: &voxels.cloud.normals, from, mute, sees, shows, shadows }
     }
 
     /// The looks that are at one on the side of what they see, and whether others that see it from its other side could be as
@@ -69,16 +68,18 @@ impl<'a> Sides<'a> {
         (if seen_by(other) > seen_by(one) { other } else { one }, true)
     }
 
-    /// What a look shows, less what it would have shown besides, voxels.
+    /// What a look shows, less what is bare and it would have shown, voxels.
     fn value(&self, k: usize) -> i64 {
-        self.shows[k] - self.bare[k]
+        self.shows[k] - self.shadows.bare[k]
     }
 
     fn is_behind(&self, voxel: usize, k: usize) -> bool {
         self.normals[voxel].dot(&self.looks.directions[k]) < 0.0
     }
 
-    /// The best of the looks that see the same as the first from its other side, if it is nearly as good.
+    /// The best of the looks that see the same as the first from its other side, if it is nearly as good, or if it is the best of all
+    /// where what of the table was scanned and is hidden counts as well. A part that hangs beside a table throws no shadow on it;
+    /// one far over it hides what other views saw: neither evidence is enough alone.
     fn rival(&self, first: usize) -> Option<usize> {
         let (mut common, mut otherwise) = ([0i64; LOOKS], [0i64; LOOKS]);
         for (i, seen) in self.looks.seen.iter().enumerate() {
@@ -90,14 +91,17 @@ impl<'a> Sides<'a> {
             }
         }
         let least = LEAST_COMMON * self.shows[first] as f32;
-        let rivals = bits(self.from).filter(|k| common[*k] as f32 > least && 2 * otherwise[*k] > common[*k]);
+        let sees_it_from_behind = |k: &usize| common[*k] as f32 > least && 2 * otherwise[*k] > common[*k];
+        let rivals = bits(self.from).filter(sees_it_from_behind);
         let rival = rivals.max_by_key(|k| (self.value(*k), Reverse(*k)))?;
-        let lead = self.value(first) - self.value(rival);
-        ((lead as f32) < LEAST_LEAD * otherwise[rival] as f32).then_some(rival)
+        let lead = (self.value(first) - self.value(rival)) as f32;
+        let best = bits(self.from).max_by_key(|k| (self.value(*k) - self.shadows.hidden[*k], Reverse(*k)));
+        let is_near = lead < LEAST_LEAD * otherwise[rival] as f32;
+        if is_near { Some(rival) } else { best.filter(sees_it_from_behind) }
     }
 
     /// Those that are at one with the first: always the one that adds most that is new, less what it sees from the other side than
-    /// is settled, and less what it would have seen besides.
+    /// is settled, and less what is bare.
     fn at_one_with(&self, first: usize) -> Directions {
         let mut settled = self.mute.clone();
         let (mut new, mut against) = (self.shows, [0i64; LOOKS]);
@@ -113,7 +117,7 @@ impl<'a> Sides<'a> {
                 }
             }
             let adds = bits(self.from).filter(|k| new[*k] > against[*k]);
-            next = adds.max_by_key(|k| (new[*k] - against[*k] - self.bare[*k], Reverse(*k)));
+            next = adds.max_by_key(|k| (new[*k] - against[*k] - self.shadows.bare[*k], Reverse(*k)));
         }
         let at_one = |k: &usize| against[*k] as f32 <= MOST_AGAINST * self.sees[*k] as f32;
         bits(self.from).filter(at_one).map(|k| 1 << k).sum()

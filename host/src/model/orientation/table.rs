@@ -23,6 +23,15 @@ const FAR: f32 = 6.0;
 const MOST_LOW: f32 = 0.01;
 const BETTER: f32 = 1.5;
 
+/// Places of a table.
+pub(super) struct Places {
+    /// Where it was scanned, and where it was not.
+    pub(super) scanned: Vec<Point3<f32>>,
+    pub(super) bare: Vec<Point3<f32>>,
+    /// Of how many voxels each is.
+    pub(super) voxels: i64,
+}
+
 /// A large plane with nothing behind it, on which the rest stands, and which is seen from there.
 #[derive(Clone, Copy)]
 pub(super) struct Table {
@@ -60,9 +69,9 @@ impl Table {
         (self.up.dot(&p.coords) - self.level_mm).abs() < 2.0 * FLAT_VOXELS * edge_mm
     }
 
-    /// Places of it where it was not scanned, amid what was scanned of it and of what stands on it, and of how many voxels each is.
-    /// Beyond that it may end: work can hang beside a table.
-    pub(super) fn bare(&self, voxels: &Voxels) -> (Vec<Point3<f32>>, i64) {
+    /// Its places where it was scanned and where it was not, amid what was scanned of it and of what stands on it. Beyond that it
+    /// may end: work can hang beside a table.
+    pub(super) fn places(&self, voxels: &Voxels) -> Places {
         let points = &voxels.cloud.points_mm;
         let ways = ways(&self.up);
         let near_mm = FAR * FLAT_VOXELS * voxels.edge_mm;
@@ -86,8 +95,10 @@ impl Table {
         };
         let is_amid =
             |p: &Point3<f32>| ways.iter().zip(&reach_mm).all(|(way, reach)| way.dot(&p.coords) < *reach);
-        let bare = all.filter(|place| !scanned.contains(place)).map(at).filter(is_amid).collect();
-        (bare, (edge_mm / voxels.edge_mm).powi(2) as i64)
+        let (scanned, bare): (Vec<_>, Vec<_>) = all.partition(|place| scanned.contains(place));
+        let bare = bare.into_iter().map(at).filter(is_amid).collect();
+        let scanned = scanned.into_iter().map(at).collect();
+        Places { scanned, bare, voxels: (edge_mm / voxels.edge_mm).powi(2) as i64 }
     }
 }
 
