@@ -107,7 +107,7 @@ fn ahead_mm(points: &[Point3<f32>], up: &Vector3<f32>, level_mm: f32, half_mm: f
 const MOST_BEHIND: f32 = 0.01;
 const LEAST_STANDING: f32 = 0.005;
 /// Lower than this it may be the table's own noise, half thicknesses.
-const STANDS: f32 = 3.0;
+pub const STANDS: f32 = 3.0;
 
 /// Whether hardly anything lies behind the plane at `level_mm` along `up`, and something before it.
 pub fn stands_on(points: &[Point3<f32>], up: &Vector3<f32>, level_mm: f32, half_mm: f32) -> bool {

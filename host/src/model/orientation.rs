@@ -12,7 +12,7 @@ mod table;
 
 use crate::geometry::grid::Grid;
 use crate::model::downsampling::Voxels;
-use nalgebra::{Matrix3, Point3, Vector3};
+use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -60,14 +60,10 @@ pub fn seen(voxels: &Voxels, given: bool) -> Orientation {
     let normals = &voxels.cloud.normals;
     let looks = Looks::at(voxels);
     let (from, from_above, table) = from(voxels, &looks);
-    let points = &voxels.cloud.points_mm;
-    let of_table = |p| table.as_ref().is_some_and(|table| table.is_of(p, voxels.edge_mm));
-    let of_table: Vec<bool> = points.iter().map(of_table).collect();
-    let shadows = table.as_ref().map_or_else(Shadows::default, |table| {
-        let standing = points.iter().zip(&of_table).filter(|(_, of_table)| !**of_table).map(|(p, _)| *p);
-        let standing: Vec<Point3<f32>> = standing.collect();
-        looks.shadows(&standing, voxels.edge_mm, &table.places(voxels), from)
-    });
+    let of_table = |p| table.is_some_and(|table| table.is_of(p, voxels.edge_mm));
+    let of_table: Vec<bool> = voxels.cloud.points_mm.iter().map(of_table).collect();
+    let shadows = table
+        .map_or_else(Shadows::default, |table| looks.shadows(voxels, &of_table, &table.places(voxels), from));
     let (at_one, unsure) = Sides::new(voxels, &looks, from, &of_table, shadows).at_one();
     let votes = smoothed(voxels, &votes(&looks.counts(normals, at_one)));
     let judged = votes.iter().filter(|vote| vote.abs() > 0.5);
@@ -131,10 +127,9 @@ fn from(voxels: &Voxels, looks: &Looks) -> (Directions, bool, Option<Table>) {
     let axes = common_axes(&voxels.cloud.normals);
     let shown = |up: &Vector3<f32>| looks.share(looks.half(up));
     let table = table(voxels, looks);
-    if let Some(table) =
-        table.as_ref().filter(|table| table.carries || table.is_behind || shown(&-table.up) <= WHOLE)
+    if let Some(table) = table.filter(|table| table.carries || table.is_behind || shown(&-table.up) <= WHOLE)
     {
-        return (looks.half(&table.up), false, Some(*table));
+        return (looks.half(&table.up), false, Some(table));
     }
     let whole =
         |axis: Vector3<f32>| [axis, -axis].map(|up| (shown(&up), up)).map(|(s, up)| (s > WHOLE, s, up));
@@ -222,7 +217,24 @@ const ONE_AXIS: f32 = 0.98;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::UnitQuaternion;
+    use nalgebra::{Point3, UnitQuaternion};
+
+    /// Points 1 mm apart with their true normals, turned: as voxels whose normals face either side, and the true ones.
+    fn cloud(
+        rows: &[(Point3<f32>, Vector3<f32>)],
+        turn: &UnitQuaternion<f32>,
+    ) -> (Voxels, Vec<Vector3<f32>>) {
+        let mut voxels = Voxels { edge_mm: 1.0, ..Voxels::default() };
+        voxels.cloud.points_mm = rows.iter().map(|(p, _)| turn * p).collect();
+        let truth: Vec<_> = rows.iter().map(|(_, n)| turn * n).collect();
+        let either = |(k, n): (usize, &Vector3<f32>)| if k * 7 % 5 < 2 { -n } else { *n };
+        voxels.cloud.normals = truth.iter().enumerate().map(either).collect();
+        (voxels, truth)
+    }
+
+    fn wrong(sides: &Orientation, truth: &[Vector3<f32>]) -> usize {
+        sides.normals.iter().zip(truth).filter(|(a, b)| a.dot(b) < 0.0).count()
+    }
 
     /// What is seen from above of a table 200 mm wide with a web 8 mm thick, 40 high and 100 long on it, points 1 mm apart, and
     /// the true normals; turned.
@@ -246,12 +258,7 @@ mod tests {
             let at = |s: f32| (Point3::new(i as f32, 50.0 * s, k as f32), Vector3::y() * s);
             rows.extend([1.0, -1.0].map(at));
         }
-        let mut voxels = Voxels { edge_mm: 1.0, ..Voxels::default() };
-        voxels.cloud.points_mm = rows.iter().map(|(p, _)| turn * p).collect();
-        let truth: Vec<_> = rows.iter().map(|(_, n)| turn * n).collect();
-        let either = |(k, n): (usize, &Vector3<f32>)| if k * 7 % 5 < 2 { -n } else { *n };
-        voxels.cloud.normals = truth.iter().enumerate().map(either).collect();
-        (voxels, truth)
+        cloud(&rows, turn)
     }
 
     #[test]
@@ -259,7 +266,7 @@ mod tests {
         for turn in [UnitQuaternion::identity(), UnitQuaternion::from_euler_angles(2.5, -0.7, 1.9)] {
             let (voxels, truth) = web(100, &turn);
             let sides = seen(&voxels, false);
-            let wrong = sides.normals.iter().zip(&truth).filter(|(a, b)| a.dot(b) < 0.0).count();
+            let wrong = wrong(&sides, &truth);
             assert!(wrong * 500 < truth.len(), "{wrong} of {}", truth.len());
             let table = table(&voxels, &Looks::at(&voxels));
             assert!(table.unwrap().up.dot(&(turn * Vector3::z())) > 0.999);
@@ -280,12 +287,7 @@ mod tests {
         for i in -120..=120 {
             rows.extend((90..=240).map(|j| (Point3::new(i as f32, j as f32, 0.0), Vector3::z())));
         }
-        let mut voxels = Voxels { edge_mm: 1.0, ..Voxels::default() };
-        voxels.cloud.points_mm = rows.iter().map(|(p, _)| turn * p).collect();
-        let truth: Vec<_> = rows.iter().map(|(_, n)| turn * n).collect();
-        voxels.cloud.normals =
-            truth.iter().enumerate().map(|(k, n)| if k % 3 == 0 { -n } else { *n }).collect();
-        (voxels, truth)
+        cloud(&rows, turn)
     }
 
     #[test]
@@ -293,14 +295,14 @@ mod tests {
         for turn in [UnitQuaternion::identity(), UnitQuaternion::from_euler_angles(2.5, -0.7, 1.9)] {
             let (voxels, truth) = wall(&turn);
             let sides = seen(&voxels, false);
-            let wrong = sides.normals.iter().zip(&truth).filter(|(a, b)| a.dot(b) < 0.0).count();
+            let wrong = wrong(&sides, &truth);
             assert!(wrong * 200 < truth.len(), "{wrong} of {}", truth.len());
             assert!(!sides.assumed);
         }
     }
 
-    /// An upright plate 300 mm wide and 120 mm high, seen from the front, 40 and 50 degrees above, 80 mm over a table that the picture cuts off
-    /// beside it, with the shadow of the plate; points 1 mm apart.
+    /// An upright plate 300 mm wide and 120 mm high, seen from the front, 40 and 50 degrees above, 80 mm over a table that the
+    /// picture cuts off beside it, with the shadow of the plate; points 1 mm apart.
     fn hanging(has_table: bool, turn: &UnitQuaternion<f32>) -> (Voxels, Vec<Vector3<f32>>) {
         let mut rows: Vec<(Point3<f32>, Vector3<f32>)> = Vec::new();
         for i in -150..=150 {
@@ -309,12 +311,7 @@ mod tests {
             let table = (-400..=500).filter(|j| has_table && !(95..=168).contains(j));
             rows.extend(table.map(|j| (Point3::new(x, j as f32, 0.0), Vector3::z())));
         }
-        let mut voxels = Voxels { edge_mm: 1.0, ..Voxels::default() };
-        voxels.cloud.points_mm = rows.iter().map(|(p, _)| turn * p).collect();
-        let truth: Vec<_> = rows.iter().map(|(_, n)| turn * n).collect();
-        voxels.cloud.normals =
-            truth.iter().enumerate().map(|(k, n)| if k % 3 == 0 { -n } else { *n }).collect();
-        (voxels, truth)
+        cloud(&rows, turn)
     }
 
     #[test]
@@ -322,7 +319,7 @@ mod tests {
         for turn in [UnitQuaternion::identity(), UnitQuaternion::from_euler_angles(2.5, -0.7, 1.9)] {
             let (voxels, truth) = hanging(true, &turn);
             let sides = seen(&voxels, false);
-            let wrong = sides.normals.iter().zip(&truth).filter(|(a, b)| a.dot(b) < 0.0).count();
+            let wrong = wrong(&sides, &truth);
             assert!(wrong * 200 < truth.len(), "{wrong} of {}", truth.len());
             assert!(!sides.assumed);
             assert!(seen(&hanging(false, &turn).0, false).assumed);

@@ -91,21 +91,23 @@ impl Looks {
         self.seen.iter().filter(|seen| **seen & from != 0).count() as f32 / self.seen.len().max(1) as f32
     }
 
-    /// What of a table speaks against each of these directions, voxels: the bare places that it sees, and the scanned ones that what
-    /// stands on the table, `standing`, hides from it; of each less the least.
+    /// What of a table speaks against each of these directions, voxels: the bare places that it sees, and the scanned ones that the
+    /// voxels which are not `of_table` hide from it; of each less the least.
     pub(super) fn shadows(
         &self,
-        standing: &[Point3<f32>],
-        edge_mm: f32,
+        voxels: &Voxels,
+        of_table: &[bool],
         places: &Places,
         from: Directions,
     ) -> Shadows {
         let mut shadows = Shadows::default();
+        let standing = voxels.cloud.points_mm.iter().zip(of_table).filter(|(_, of_table)| !**of_table);
+        let standing: Vec<Point3<f32>> = standing.map(|(p, _)| *p).collect();
         if standing.is_empty() {
             return shadows;
         }
         let count = |k: usize| {
-            let picture = Picture::new(standing, edge_mm, &self.directions[k]);
+            let picture = Picture::new(&standing, voxels.edge_mm, &self.directions[k]);
             let bare = places.bare.iter().filter(|place| picture.shows(place)).count();
             let hidden = places.scanned.iter().filter(|place| !picture.shows(place)).count();
             [bare, hidden].map(|count| places.voxels * count as i64)

@@ -11,8 +11,8 @@ use std::cmp::Reverse;
 const MOST_AGAINST: f32 = 0.05;
 /// The rival of a look sees this share of what that one sees at least, most of it from the other side.
 const LEAST_COMMON: f32 = 0.3;
-/// A look is sure if it shows more than its rival by this share of what they see from two sides at least. The rounding of
-/// pixels and the places that lay beyond every picture move a lead by up to a sixth.
+/// A look is sure if it shows more than its rival by this share of what they see from two sides at least. Chosen on 32 simulated parts
+/// that stand upright over a table: wrong looks led by .15 at most.
 const LEAST_LEAD: f32 = 0.2;
 
 /// The looks among which is sought, and what each of them shows.

@@ -1,7 +1,7 @@
 //! The plane on which the work stands, sought where nobody knows a side.
 
 use super::looks::{Directions, Looks};
-use crate::geometry::table::{WAYS, carries, fitted, planes, stands_on, ways};
+use crate::geometry::table::{STANDS, WAYS, carries, fitted, planes, stands_on, ways};
 use crate::model::downsampling::Voxels;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -16,9 +16,8 @@ const FLAT_VOXELS: f32 = 1.5;
 /// Least share of it that is seen from over it: the underside of a plate is hidden by the plate.
 const OPEN: f32 = 0.5;
 
-/// Heights above it, half thicknesses, of what stands on it and of what is far from it; the share of what stands that may be nearer;
-/// and how many times as many looks must see it from over the table as from below.
-const STANDS: f32 = 3.0;
+/// Height above it, half thicknesses, of what is far from it; the share of what stands that may be nearer; and how many times as
+/// many looks must see what stands from over the table as from below.
 const FAR: f32 = 6.0;
 const MOST_LOW: f32 = 0.01;
 const BETTER: f32 = 1.5;
@@ -64,9 +63,13 @@ const PLACE_VOXELS: f32 = 4.0;
 const PLACES: f32 = 500.0;
 
 impl Table {
+    fn height_mm(&self, p: &Point3<f32>) -> f32 {
+        self.up.dot(&p.coords) - self.level_mm
+    }
+
     /// Whether a voxel is of it.
     pub(super) fn is_of(&self, p: &Point3<f32>, edge_mm: f32) -> bool {
-        (self.up.dot(&p.coords) - self.level_mm).abs() < 2.0 * FLAT_VOXELS * edge_mm
+        self.height_mm(p).abs() < 2.0 * FLAT_VOXELS * edge_mm
     }
 
     /// Its places where it was scanned and where it was not, amid what was scanned of it and of what stands on it. Beyond that it
@@ -75,8 +78,7 @@ impl Table {
         let points = &voxels.cloud.points_mm;
         let ways = ways(&self.up);
         let near_mm = FAR * FLAT_VOXELS * voxels.edge_mm;
-        let near = points.iter().filter(|p| (self.up.dot(&p.coords) - self.level_mm).abs() < near_mm);
-        let near: Vec<&Point3<f32>> = near.collect();
+        let near: Vec<&Point3<f32>> = points.iter().filter(|p| self.height_mm(p).abs() < near_mm).collect();
         let reach_mm = ways.map(|way| near.iter().map(|p| way.dot(&p.coords)).fold(f32::MIN, f32::max));
         // A quarter of the way round from one to the other, and half of it to where they begin.
         let axes = [0, WAYS / 4].map(|k| (ways[k], -reach_mm[k + WAYS / 2], reach_mm[k]));
