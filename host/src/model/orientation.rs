@@ -7,6 +7,7 @@
 //! knows an axis or a unit: only the voxels.
 
 mod looks;
+mod shadows;
 mod sides;
 mod table;
 
@@ -17,7 +18,8 @@ use rayon::prelude::*;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-use looks::{ALL, Directions, Looks, Shadows};
+use looks::{ALL, Directions, Looks};
+use shadows::Shadows;
 use sides::Sides;
 use table::{Table, table};
 
@@ -62,8 +64,9 @@ pub fn seen(voxels: &Voxels, given: bool) -> Orientation {
     let (from, from_above, table) = from(voxels, &looks);
     let of_table = |p| table.is_some_and(|table| table.is_of(p, voxels.edge_mm));
     let of_table: Vec<bool> = voxels.cloud.points_mm.iter().map(of_table).collect();
-    let shadows = table
-        .map_or_else(Shadows::default, |table| looks.shadows(voxels, &of_table, &table.places(voxels), from));
+    let shadows = table.map_or_else(Shadows::default, |table| {
+        Shadows::on(&table.places(voxels), voxels, &of_table, &looks, from)
+    });
     let (at_one, unsure) = Sides::new(voxels, &looks, from, &of_table, shadows).at_one();
     let votes = smoothed(voxels, &votes(&looks.counts(normals, at_one)));
     let judged = votes.iter().filter(|vote| vote.abs() > 0.5);

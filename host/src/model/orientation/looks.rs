@@ -1,6 +1,5 @@
 //! What is seen of a cloud by looks from far away.
 
-use super::table::Places;
 use crate::model::downsampling::Voxels;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -23,18 +22,6 @@ pub(super) struct Looks {
     pub(super) directions: Vec<Vector3<f32>>,
     /// Which of them see each voxel, a bit for each.
     pub(super) seen: Vec<Directions>,
-}
-
-/// What of a table speaks against each direction, voxels: what is bare and seen, and what was scanned and is hidden.
-pub(super) struct Shadows {
-    pub(super) bare: [i64; LOOKS],
-    pub(super) hidden: [i64; LOOKS],
-}
-
-impl Default for Shadows {
-    fn default() -> Self {
-        Self { bare: [0; LOOKS], hidden: [0; LOOKS] }
-    }
 }
 
 /// Some of the directions: a bit for each.
@@ -91,35 +78,6 @@ impl Looks {
         self.seen.iter().filter(|seen| **seen & from != 0).count() as f32 / self.seen.len().max(1) as f32
     }
 
-    /// What of a table speaks against each of these directions, voxels: the bare places that it sees, and the scanned ones that the
-    /// voxels which are not `of_table` hide from it; of each less the least.
-    pub(super) fn shadows(
-        &self,
-        voxels: &Voxels,
-        of_table: &[bool],
-        places: &Places,
-        from: Directions,
-    ) -> Shadows {
-        let mut shadows = Shadows::default();
-        let standing = voxels.cloud.points_mm.iter().zip(of_table).filter(|(_, of_table)| !**of_table);
-        let standing: Vec<Point3<f32>> = standing.map(|(p, _)| *p).collect();
-        if standing.is_empty() {
-            return shadows;
-        }
-        let count = |k: usize| {
-            let picture = Picture::new(&standing, voxels.edge_mm, &self.directions[k]);
-            let bare = places.bare.iter().filter(|place| picture.shows(place)).count();
-            let hidden = places.scanned.iter().filter(|place| !picture.shows(place)).count();
-            [bare, hidden].map(|count| places.voxels * count as i64)
-        };
-        let all: Vec<_> = bits(from).collect::<Vec<_>>().into_par_iter().map(|k| (k, count(k))).collect();
-        let least = [0, 1].map(|of| all.iter().map(|(_, counts)| counts[of]).min().unwrap_or(0));
-        for (k, [bare, hidden]) in all {
-            (shadows.bare[k], shadows.hidden[k]) = (bare - least[0], hidden - least[1]);
-        }
-        shadows
-    }
-
     /// How many of these directions see each voxel from the side of its normal, and from the other.
     pub(super) fn counts(&self, normals: &[Vector3<f32>], from: Directions) -> Vec<[u16; 2]> {
         let count = |(seen, normal): (&Directions, &Vector3<f32>)| {
@@ -132,7 +90,7 @@ impl Looks {
 }
 
 /// What a look from far away shows of points.
-struct Picture<'a> {
+pub(super) struct Picture<'a> {
     points: &'a [Point3<f32>],
     look: Vector3<f32>,
     edge_mm: f32,
@@ -143,7 +101,7 @@ struct Picture<'a> {
 }
 
 impl<'a> Picture<'a> {
-    fn new(points: &'a [Point3<f32>], edge_mm: f32, look: &Vector3<f32>) -> Self {
+    pub(super) fn new(points: &'a [Point3<f32>], edge_mm: f32, look: &Vector3<f32>) -> Self {
         let mut aside = Vector3::zeros();
         aside[look.iamin()] = 1.0;
         let right = look.cross(&aside).normalize();
@@ -183,7 +141,7 @@ impl<'a> Picture<'a> {
     }
 
     /// Whether nothing is before this place.
-    fn shows(&self, place: &Point3<f32>) -> bool {
+    pub(super) fn shows(&self, place: &Point3<f32>) -> bool {
         self.pixel(place).is_none_or(|pixel| self.nearest_mm[pixel] < place.coords.dot(&self.look))
     }
 }

@@ -1,6 +1,7 @@
 //! Which looks see a cloud from the side whence it was scanned.
 
-use super::looks::{Directions, LOOKS, Looks, Shadows, bits};
+use super::looks::{Directions, LOOKS, Looks, bits};
+use super::shadows::Shadows;
 use crate::geometry::grid::Grid;
 use crate::model::downsampling::Voxels;
 use nalgebra::Vector3;
