@@ -16,6 +16,7 @@
 //! eqs. (13)-(17), is [`score::paper`].
 
 pub mod asked;
+mod confidence;
 mod description;
 pub mod drawn;
 mod error;
@@ -83,6 +84,32 @@ pub struct Station {
     pub faces: [Vector3<f64>; 2],
 }
 
+/// What else than a joint two faces that meet may be.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Contact {
+    /// The work is held there, or it is of what holds it.
+    Held,
+    /// The work rests there on a table: one view does not tell the two from a web on its plate.
+    Table,
+}
+
+impl Contact {
+    /// The same in words.
+    pub const fn words(self) -> &'static str {
+        match self {
+            Self::Held => {
+                "it may be where the work is held, or of what holds it: the faces on both sides of the work look at each other and \
+                 nothing else ties them to it"
+            }
+            Self::Table => {
+                "it may be where the work rests on the table: one of its faces reaches farther all round than what stands on it, and \
+                 one view shows nothing below"
+            }
+        }
+    }
+}
+
 /// A weldable seam, ordered as it is welded.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Seam {
@@ -96,7 +123,7 @@ pub struct Seam {
     pub stations: Vec<Station>,
     /// Whether the last station is followed by the first.
     pub closed: bool,
-    /// 0..1: how sure we are that this is a seam to weld.
+    /// 0..1: the probability that this is a weld, within twice its stated error.
     pub confidence: f64,
     /// Expected RMSE of the position across the seam, mm.
     pub expected_error_mm: f64,
@@ -112,8 +139,8 @@ pub struct Seam {
     pub base_error_mm: f64,
     /// The same of the torch orientation, degrees.
     pub base_error_deg: f64,
-    /// Whether it may be where the work is held, or of what holds it, and not to be welded.
-    pub contact: bool,
+    /// Why it may be a contact, and not to be welded.
+    pub contact: Option<Contact>,
     /// Whether a person drew it, and nothing that was found bears it out.
     pub drawn: bool,
     /// What was measured of the joint.
@@ -123,6 +150,16 @@ pub struct Seam {
 }
 
 impl Seam {
+    /// Marks it as what may be a contact.
+    pub(crate) fn mark_contact(&mut self, contact: Contact) {
+        self.contact = Some(contact);
+        self.be_at_most(confidence::CONTACT);
+    }
+
+    fn be_at_most(&mut self, confidence: f64) {
+        self.confidence = self.confidence.min(confidence);
+    }
+
     /// Length along the stations, mm.
     pub fn length_mm(&self) -> f64 {
         let open: f64 = self.stations.windows(2).map(|w| (w[1].position_mm - w[0].position_mm).norm()).sum();
@@ -182,9 +219,6 @@ pub struct Found {
     pub intensity: Vec<f32>,
 }
 
-/// How likely it is that a sheet of which nothing tells was seen from above: a judgement, not a measurement. A corner between
-/// its faces is an edge from the other side, so no seam there is surer than this.
-const SEEN_FROM_ABOVE: f64 = 0.8;
 /// How far from a seam the side of its faces is looked up, voxels.
 const SIDES_VOXELS: f32 = 4.0;
 
@@ -210,7 +244,7 @@ impl Found {
         self.warnings.extend(words);
         self.seams = known;
         if oriented.assumed {
-            self.seams.iter_mut().for_each(|seam| seam.confidence *= SEEN_FROM_ABOVE);
+            self.seams.iter_mut().for_each(|seam| seam.be_at_most(confidence::SIDE_ASSUMED));
         }
         (1..).zip(&mut self.seams).for_each(|(id, seam)| seam.id = id);
     }

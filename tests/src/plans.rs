@@ -135,7 +135,7 @@ fn seam(path: &SeamPath) -> Seam {
         expected_error_deg: 0.4,
         base_error_mm: 0.3,
         base_error_deg: 0.5,
-        contact: false,
+        contact: None,
         drawn: false,
         dimensions: vec![],
         warnings: vec![],

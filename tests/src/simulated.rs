@@ -21,6 +21,7 @@ pub struct Simulated {
     command: Running,
     /// What `--port` takes.
     pub port: String,
+    panel_path: String,
     panel: UnixStream,
     gripped: bool,
     _alone: MutexGuard<'static, ()>,
@@ -35,9 +36,14 @@ impl Simulated {
         let _alone = alone();
         let mut command = Running::start(weldpath().args(["pendant", "--sim", "--elf"]).arg(program));
         let mut after = |word: &str| command.wait_for(&[word]).replacen(word, "", 1);
-        let (port, panel) = (after("port "), after("panel "));
-        let panel = UnixStream::connect(panel).expect("the panel's socket is there");
-        Self { command, port, panel, gripped: false, _alone }
+        let (port, panel_path) = (after("port "), after("panel "));
+        let panel = operator_at(&panel_path);
+        Self { command, port, panel_path, panel, gripped: false, _alone }
+    }
+
+    /// One more operator at its panel.
+    pub fn operator(&self) -> UnixStream {
+        operator_at(&self.panel_path)
     }
 
     /// A socket to its port that alters every byte, both ways, with this probability. For one host.
@@ -126,6 +132,10 @@ impl Simulated {
         let ended = self.command.end();
         assert_eq!(ended.code, Some(0), "{}", ended.said);
     }
+}
+
+fn operator_at(panel: &str) -> UnixStream {
+    UnixStream::connect(panel).expect("the panel's socket is there")
 }
 
 fn relay(from: &mut dyn Read, to: &mut dyn Write, mut random: Random, probability: f64) -> io::Result<()> {

@@ -146,7 +146,7 @@ fn beyond_jaw(seam: usize) -> String {
 
 #[test]
 fn jaws_that_nothing_excludes_are_named_and_welded_only_if_that_is_accepted() {
-    let contacts: Vec<&Seam> = PLAIN.plan.seams.iter().filter(|seam| seam.contact).collect();
+    let contacts: Vec<&Seam> = PLAIN.plan.seams.iter().filter(|seam| seam.contact.is_some()).collect();
     assert_eq!((contacts.len(), PLAIN.plan.seams.len()), (2, 4));
     assert!(contacts.iter().all(|seam| seam.confidence <= 0.5));
     let named = PLAIN.output.summary.verdict().reasons.iter().filter(|one| one.id == ReasonId::MayBeContact);
@@ -173,7 +173,7 @@ fn walls_that_a_rib_braces_are_of_the_work() {
     let scan = read(&simulated(channel(30.0), welds(), 6));
     let plan = planning::plan(&scan, &job(""), &mut ()).expect("a plan");
     assert!(
-        plan.seams.len() >= 4 && plan.seams.iter().all(|seam| !seam.contact),
+        plan.seams.len() >= 4 && plan.seams.iter().all(|seam| seam.contact.is_none()),
         "{} seams",
         plan.seams.len()
     );

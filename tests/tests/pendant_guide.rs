@@ -1,11 +1,13 @@
 //! Every command of `docs/pendant.md` does what the guide says, in its order, against the firmware in the emulator.
 
 use std::collections::BTreeMap;
+use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::{env, fs};
+use std::time::{Duration, Instant};
+use std::{env, fs, thread};
 
-use weldpath_tests::command::{Running, commands_of, weldpath};
+use weldpath_tests::command::{PATIENCE, Running, commands_of, weldpath};
 use weldpath_tests::qemu::firmware;
 use weldpath_tests::simulated::Simulated;
 
@@ -71,6 +73,33 @@ fn every_command_of_the_guide_does_what_it_says() {
     assert!(said["weldpath score fixtures/butt-v"].ends_with("0 of 8 scores differ"), "{said:?}");
     assert!(said["weldpath plan scan"].contains("butt-v"), "{said:?}");
     assert_scanned(&text, &said["weldpath scan --hands"]);
+}
+
+/// More keys than the lamps and answers of which a socket holds unread.
+const KEYS: usize = 600;
+
+#[test]
+fn an_operator_who_reads_nothing_is_heard_all_the_same() {
+    let Some(program) = firmware("weldpath-firmware") else { return };
+    let pendant = Simulated::start(&program);
+    let mut deaf = pendant.operator();
+    deaf.write_all(&[b'm'; KEYS]).unwrap();
+    deaf.write_all(b"e").unwrap();
+    let mut hearing = pendant.operator();
+    let said = BufReader::new(hearing.try_clone().unwrap()).lines().map(Result::unwrap);
+    let mut answers = said.filter(|line| line.starts_with("emergency stop"));
+    let begin = Instant::now();
+    let mut press = || {
+        hearing.write_all(b"e").unwrap();
+        answers.next().unwrap()
+    };
+    // Pressed by the other, it is released by this one.
+    while press() != "emergency stop: released" {
+        assert!(begin.elapsed() < PATIENCE, "the key of the operator who reads nothing is not heard");
+        press();
+        thread::sleep(Duration::from_millis(200));
+    }
+    pendant.quit();
 }
 
 /// Six views, every pose the host's own, and the guide's table of motions.

@@ -1,6 +1,6 @@
 //! `weldpath pendant --sim`: the firmware in QEMU, with a panel that keys operate.
 
-use std::io::{BufReader, Read, Write};
+use std::io::{self, BufReader, ErrorKind, Read, Write};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::PathBuf;
 use std::sync::mpsc::RecvTimeoutError;
@@ -74,13 +74,26 @@ fn serve(listener: UnixListener, panel: Panel) {
 }
 
 fn attend(operator: UnixStream, panel: &Panel) {
-    let Ok(mut screen) = operator.try_clone() else { return };
+    // Who does not read what is shown loses it; keys are heard all the same.
+    let Ok(mut screen) = operator.set_write_timeout(Some(UNREAD)).and_then(|()| operator.try_clone()) else {
+        return;
+    };
     let (shown, mut echo) = (panel.watch(), operator.try_clone());
-    thread::spawn(move || shown.into_iter().try_for_each(|seen| writeln!(screen, "{seen}")));
+    thread::spawn(move || shown.into_iter().try_for_each(|seen| show(&mut screen, &seen)));
     for key in BufReader::new(operator).bytes().map_while(Result::ok) {
         let (Ok(Some(said)), Ok(echo)) = (panel.key(key), &mut echo) else { continue };
-        if writeln!(echo, "{said}").is_err() {
+        if show(echo, &said).is_err() {
             return;
         }
+    }
+}
+
+/// So long something may wait to be read.
+const UNREAD: Duration = Duration::from_millis(10);
+
+fn show(screen: &mut UnixStream, what: &dyn std::fmt::Display) -> io::Result<()> {
+    match screen.write_all(format!("{what}\n").as_bytes()) {
+        Err(error) if error.kind() == ErrorKind::WouldBlock => Ok(()),
+        shown => shown,
     }
 }

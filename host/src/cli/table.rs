@@ -156,7 +156,7 @@ mod tests {
             expected_error_deg: 0.5,
             base_error_mm: 0.6,
             base_error_deg: 0.7,
-            contact: false,
+            contact: None,
             drawn: false,
             dimensions: vec![],
             warnings: vec!["the last 20 mm were seen by one view only".into()],

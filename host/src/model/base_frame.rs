@@ -127,8 +127,8 @@ pub fn locate(stated: &Stated, registration: &Registration) -> Option<Location> 
     let calibrated = stated.calibration.and_then(Calibration::information);
     let prior = Prior::new(stated.anchor, calibrated, stated.taken_out);
     let adjusted = |prior: &Prior| Adjusted::new(&Known { reported, registered, surfaces, centre_mm, prior });
-    // The camera's errors move nothing until they are taken out of the points; what is not known of them is an error. Where
-    // nobody looked for them, the camera counts as exact.
+    // The camera's errors move nothing until they are taken out of the points; what is not known of them is an error, and a
+    // single view tells nothing of them. Where nobody looked for them, the camera counts as exact.
     let with_contradictions = |prior: Prior| {
         let adjusted = adjusted(&prior)?;
         let more =
@@ -136,15 +136,15 @@ pub fn locate(stated: &Stated, registration: &Registration) -> Option<Location> 
         Some((adjusted, more))
     };
     let exact = adjusted(&prior.with_exact_camera())?;
-    let looked_for = surfaces.camera.is_some();
+    let may_err = surfaces.camera.is_some() || reported.len() == 1;
     // Value and uncertainty are of one model: the poses scatter as they do with an exact camera.
     let further =
         |prior: &Prior| exact.clone().further(&Known { reported, registered, surfaces, centre_mm, prior });
-    let free = if looked_for { further(&prior)? } else { exact.clone() };
+    let free = if may_err { further(&prior)? } else { exact.clone() };
     let plain = with_contradictions(prior.with_exact_scale_and_axis())?;
     let with_axis = with_contradictions(prior.with_exact_scale())?;
     let told = if is_axis_told(&with_axis) { &with_axis } else { &plain };
-    let camera = if looked_for { finding(&plain, told) } else { None };
+    let camera = surfaces.camera.as_ref().and_then(|_| finding(&plain, told));
     let (told, contradictions) = &with_axis;
     let hand_eye = correction(&exact, &free, stated.beyond_repair)?;
     let mut covariance = free.of_rigid_motions(&centre_mm);

@@ -231,7 +231,7 @@ mod tests {
             },
             base_error_mm: 0.0,
             base_error_deg: 0.0,
-            contact: false,
+            contact: None,
             drawn: false,
             dimensions: Vec::new(),
             warnings: Vec::new(),

@@ -228,11 +228,10 @@ fn of_seams(plan: &Plan) -> Vec<Finding> {
         found.extend(uncertain.iter().map(left_out));
     }
     let contact = |seam: &Seam| {
-        let words = "it may be where the work is held, or of what holds it: the faces on both sides of the work look at each other and \
-                     nothing else ties them to it. It is not welded";
-        Finding::of_seam(ReasonId::MayBeContact, seam.id, words)
+        let words = format!("{}. It is not welded", seam.contact?.words());
+        Some(Finding::of_seam(ReasonId::MayBeContact, seam.id, words))
     };
-    found.extend(plan.seams.iter().filter(|seam| seam.contact).map(contact));
+    found.extend(plan.seams.iter().filter_map(contact));
     let drawn = |seam: &Seam| {
         let words = "it is drawn by hand: nothing that was measured says that there is a seam. See that the line is where it is meant";
         Finding::of_seam(ReasonId::Drawn, seam.id, words)
@@ -243,23 +242,27 @@ fn of_seams(plan: &Plan) -> Vec<Finding> {
 }
 
 /// The seam that is worst known in the base frame against its limit, where that is over the limit; none where the job takes
-/// the first view's pose as the frame.
+/// the first view's pose as the frame and others bear out the camera.
 fn of_base_frame(plan: &Plan) -> Option<Finding> {
-    let cell = plan.base_frame.as_ref()?;
+    let cell = plan.base_frame.as_ref();
+    if cell.is_none() && plan.views.len() > 1 {
+        return None;
+    }
     let ratio = |seam: &&Seam| seam.base_error_mm / limit_mm(seam);
     let worst = plan.seams.iter().max_by(|a, b| ratio(a).total_cmp(&ratio(b)))?;
     let words = || {
-        let scatter = cell.is_scattered().then(|| {
-            let (mm, deg) = (cell.robot_mm, cell.robot_deg);
-            format!(
-                "; the reported poses scatter by {mm:.1} mm and {deg:.2} deg, more than stated of the robot"
-            )
-        });
+        let more = match cell {
+            Some(cell) if cell.is_scattered() => format!(
+                "; the reported poses scatter by {:.1} mm and {:.2} deg, more than stated of the robot",
+                cell.robot_mm, cell.robot_deg
+            ),
+            None => "; one view shows nothing of what the camera itself errs".into(),
+            Some(_) => String::new(),
+        };
         format!(
-            "the tip may be off by {:.1} mm (one standard deviation) in the robot's base frame, over {:.2} mm{}",
+            "the tip may be off by {:.1} mm (one standard deviation) in the robot's base frame, over {:.2} mm{more}",
             worst.base_error_mm,
             limit_mm(worst),
-            scatter.unwrap_or_default()
         )
     };
     (ratio(&worst) > 1.0).then(|| Finding::of_seam(ReasonId::BaseErrorOverLimit, worst.id, words()))

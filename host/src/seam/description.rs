@@ -5,7 +5,7 @@ use super::measure::dimension::Dimension;
 use super::refine::Refined;
 use super::refine::expected::Expected;
 use super::trace::Chain;
-use super::{Joint, Seam, Station};
+use super::{Joint, Seam, Station, confidence};
 
 /// Error from the registration, in standard deviations of the points' noise, above which a seam carries a warning. Chosen
 /// on the simulated scans.
@@ -14,18 +14,18 @@ const LOOSE_NOISES: f64 = 0.38;
 const NAMED_DEVIATIONS: f64 = 2.0;
 /// Longest bridged stretch that is not told, mm.
 const UNTOLD_BRIDGE_MM: f64 = 4.0;
-/// Least confidence, and largest expected error of the torch, degrees, with which a seam is offered. Chosen on the
+/// Least quality, and largest expected error of the torch, degrees, with which a seam is offered. Chosen on the
 /// simulated scans.
-const LEAST_CONFIDENCE: f64 = 0.6;
+const LEAST_QUALITY: f64 = 0.6;
 const MOST_ERROR_DEG: f64 = 6.0;
-/// The least confidence where several views show both sides of a wall: of the points about a corner of a thin rib a third
+/// The least quality where several views show both sides of a wall: of the points about a corner of a thin rib a third
 /// may then be of the far side, on neither face, and five sixths of [`FULL_SHARE`] are all that there can be.
-const LEAST_CONFIDENCE_OF_VIEWS: f64 = LEAST_CONFIDENCE * 5.0 / 6.0;
+const LEAST_QUALITY_OF_VIEWS: f64 = LEAST_QUALITY * 5.0 / 6.0;
 /// Largest expected error of the torch, degrees, with which that is enough. The ribs' corners are known to 1 to 2; what
-/// widened or blurred image edges make up, at the same confidence, to 2.1 to 5.8 (250 seams of pieces and effects, simulated).
+/// widened or blurred image edges make up, at the same quality, to 2.1 to 5.8 (250 seams of pieces and effects, simulated).
 const MOST_ERROR_OF_RIB_DEG: f64 = 2.0;
 /// Corners to a link of a chain, and share of the points about them on the two faces, from which on nothing is missing to
-/// full confidence. Chosen on the simulated scans.
+/// full quality. Chosen on the simulated scans.
 const FULL_CORNERS: f64 = 3.0;
 const FULL_SHARE: f32 = 0.8;
 
@@ -56,14 +56,14 @@ pub(super) fn described(
         reason,
         stations: seam.frames.iter().map(station).collect(),
         closed: seam.closed,
-        confidence: confidence(chain, seam),
+        confidence: confidence::probability(quality(chain, seam)),
         expected_error_mm: expected.position_mm,
         expected_error_deg: expected.orientation_rad.to_degrees(),
         relative_error_mm: expected.relative_mm,
         error_parts: expected.parts,
         base_error_mm: expected.base_mm,
         base_error_deg: expected.base_rad.to_degrees(),
-        contact: false,
+        contact: None,
         drawn: false,
         dimensions,
         warnings: warnings(scan, seam, expected),
@@ -71,7 +71,7 @@ pub(super) fn described(
 }
 
 /// 0..1: by the share of stations that were measured, the corners that support each link, and how clean these are.
-fn confidence(chain: &Chain, seam: &Refined) -> f64 {
+fn quality(chain: &Chain, seam: &Refined) -> f64 {
     let measured = seam.measured.iter().filter(|m| **m).count() as f64 / seam.measured.len() as f64;
     let density = chain.support as f64 / (FULL_CORNERS * chain.links.len() as f64);
     (measured * density.min(1.0) * f64::from(chain.share / FULL_SHARE).min(1.0)).clamp(0.0, 1.0)
@@ -110,18 +110,18 @@ pub(super) fn is_sure(scan: &RawScan, seam: &Seam) -> bool {
         return false;
     }
     let may_be_rib = scan.merged.cameras_mm.len() > 1 && seam.expected_error_deg <= MOST_ERROR_OF_RIB_DEG;
-    let least = if may_be_rib { LEAST_CONFIDENCE_OF_VIEWS } else { LEAST_CONFIDENCE };
-    seam.confidence >= least && seam.expected_error_deg <= MOST_ERROR_DEG
+    let least = if may_be_rib { LEAST_QUALITY_OF_VIEWS } else { LEAST_QUALITY };
+    seam.confidence >= confidence::probability(least) && seam.expected_error_deg <= MOST_ERROR_DEG
 }
 
-/// Least confidence of a seam that was asked for: the corners of a faint one are few, and a person saw it.
-const LEAST_CONFIDENCE_ASKED: f64 = 0.3;
+/// Least quality of a seam that was asked for: the corners of a faint one are few, and a person saw it.
+const LEAST_QUALITY_ASKED: f64 = 0.3;
 
 /// Whether a seam that a person asked for is sure enough to be offered: all but the number of its corners counts as it does
 /// for one that was found.
 pub(super) fn is_sure_if_asked(seam: &Seam) -> bool {
     seam.length_mm() >= LEAST_LENGTH_MM
-        && seam.confidence >= LEAST_CONFIDENCE_ASKED
+        && seam.confidence >= confidence::probability(LEAST_QUALITY_ASKED)
         && seam.expected_error_deg <= MOST_ERROR_DEG
 }
 

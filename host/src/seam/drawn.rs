@@ -387,7 +387,7 @@ impl<'a> Drawing<'a> {
             error_parts: parts,
             base_error_mm: base_mm,
             base_error_deg: base_rad.to_degrees(),
-            contact: false,
+            contact: None,
             drawn: true,
             dimensions: Vec::new(),
             warnings: warnings(scan, &refined, &expected),

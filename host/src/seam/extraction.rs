@@ -15,9 +15,9 @@ use super::trace::corner::{self, CornerConfig};
 use super::trace::step::{self, StepConfig, StepModel};
 use super::trace::support::{self, Support};
 use super::trace::{Chain, InsideCorner, loops, splice};
-use super::{Found, Joint, Seam, Station, facets};
+use super::{Contact, Found, Joint, Seam, Station, facets};
 use crate::geometry::mesh::Mesh;
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Point3};
 use rayon::prelude::*;
 
 /// Settings of the steps from cloud to seams, in their order.
@@ -82,6 +82,12 @@ pub fn find(input: &Input, config: &SeamConfig) -> Found {
     order(&mut seams);
     let on_table = corners.on_table.iter().map(|corner| corner.position);
     grip::mark_contacts(&mut seams, &corners.off_table, on_table, &input.model);
+    if let Some(table) = table.filter(|_| input.scan.is_one_view_of_a_table()) {
+        let origin_mm = input.scan.merged.origin_mm;
+        seams.iter_mut().filter(|seam| rests_on(seam, &table, &origin_mm)).for_each(|seam| {
+            seam.mark_contact(Contact::Table);
+        });
+    }
     Found {
         seams,
         reason: unsure.first().map_or_else(|| corners.reason().into(), left_out),
@@ -90,6 +96,15 @@ pub fn find(input: &Input, config: &SeamConfig) -> Found {
         intensity: scores.intensity,
         ..Found::default()
     }
+}
+
+/// Whether most of a seam runs along a table.
+fn rests_on(seam: &Seam, table: &Support, origin_mm: &Point3<f64>) -> bool {
+    let is_on = |station: &&Station| {
+        let at = Point3::from((station.position_mm - origin_mm).cast());
+        station.faces.iter().any(|face| table.is_face(&face.cast(), &at))
+    };
+    2 * seam.stations.iter().filter(is_on).count() > seam.stations.len()
 }
 
 /// Weldable seams of a mesh, from its facets; from the cloud on it only if that is a scan, drawn as a mesh.

@@ -48,7 +48,7 @@ pub(super) fn seam(mesh: &Mesh, strand: &Strand, base_from_mesh: &Isometry3<f64>
         expected_error_deg: orientation_deg,
         base_error_mm: f64::NAN,
         base_error_deg: f64::NAN,
-        contact: false,
+        contact: None,
         drawn: false,
         dimensions: dimensions(joint, &section, position_mm),
         warnings,

@@ -362,7 +362,7 @@ mod tests {
             base_error_mm: f64::NAN,
             base_error_deg: f64::NAN,
             expected_error_deg: 0.1,
-            contact: false,
+            contact: None,
             drawn: false,
             dimensions: vec![],
             warnings: vec![],

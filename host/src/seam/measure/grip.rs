@@ -5,10 +5,10 @@
 //! braces are of the work. Where nothing is welded on the body between, it may as well be a beam's web between its flanges, and is
 //! left as it is.
 
-use crate::seam::Seam;
 use crate::seam::input::SurfaceModel;
 use crate::seam::refine::frame::Frame;
 use crate::seam::trace::InsideCorner;
+use crate::seam::{Contact, Seam};
 use nalgebra::{Point3, Vector3};
 
 /// Points nearer to an inside corner than this are of no body, voxels: normals about it are of both faces.
@@ -24,8 +24,6 @@ const SAME_DIRECTION: f32 = 0.9;
 const LEAST_CORNERS: usize = 20;
 /// What ties two bodies above the face that is held is this high, voxels.
 const ABOVE_VOXELS: f32 = 3.0;
-/// Confidence that such a seam keeps at most: as likely as not, since a welded frame may look the same.
-const MOST_CONFIDENCE: f64 = 0.5;
 /// Shorter vectors have no direction.
 const LEAST_LENGTH: f32 = 1e-3;
 
@@ -47,8 +45,7 @@ pub fn mark_contacts(
     });
     let sides: Vec<Sides> = seams.iter().map(|seam| bodies.sides_of(seam)).collect();
     for k in contacts(&lines, &sides, ABOVE_VOXELS * model.voxel_mm()) {
-        seams[k].confidence = seams[k].confidence.min(MOST_CONFIDENCE);
-        seams[k].contact = true;
+        seams[k].mark_contact(Contact::Held);
     }
 }
 

@@ -50,7 +50,7 @@ pub fn find(surface: &SurfaceModel, ratio_threshold: f64) -> Found {
         expected_error_deg: 15.0,
         base_error_mm: f64::NAN,
         base_error_deg: f64::NAN,
-        contact: false,
+        contact: None,
         drawn: false,
         dimensions: vec![],
         warnings: vec!["the paper's method, for comparison only: do not weld this".into()],
