@@ -64,7 +64,7 @@ pub(super) struct Model {
     whole: Option<(Voxels, PointCloud)>,
     /// Where no camera tells the sides: what was found of them.
     oriented: Option<Orientation>,
-    /// Whether the table is in a cloud of one camera or of unknown ones.
+    /// Whether the table is in a cloud of unknown cameras.
     table_shown: bool,
 }
 
@@ -193,8 +193,7 @@ impl ScaleSearch<'_> {
         let mut found = clock.stage("seam", observer, || match self.config.method {
             Method::Weldpath => {
                 let scan = RawScan { table_shown: model.table_shown, ..self.raw_scan() };
-                let shows_all = !scan.cameras_known && model.table_shown;
-                let cues = Cues { steps: cues.steps || shows_all, ..cues };
+                let cues = Cues { steps: cues.steps || model.table_shown, ..cues };
                 let input = Input { scan, model: model.surface(), scene: model.scene().0, cues };
                 match self.mesh() {
                     Some((mesh, pose)) => extraction::find_in_mesh(&input, mesh, pose, &self.config.seam),
@@ -243,8 +242,7 @@ impl ScaleSearch<'_> {
             oriented.unknown.truncate(work);
             cloud.normals.clone_from(&oriented.normals);
         }
-        let is_one_view = self.views.len() == 1 && self.cameras_known();
-        let table_shown = (orientation_unknown || is_one_view) && support::is_table_shown(&voxels);
+        let table_shown = orientation_unknown && support::is_table_shown(&voxels);
         let whole = self.excluded.map(|_| {
             let mut all = cloud.clone();
             all.append(excluded);

@@ -82,11 +82,8 @@ pub fn find(input: &Input, config: &SeamConfig) -> Found {
     order(&mut seams);
     let on_table = corners.on_table.iter().map(|corner| corner.position);
     grip::mark_contacts(&mut seams, &corners.off_table, on_table, &input.model);
-    if let Some(table) = table.filter(|_| input.scan.is_one_view_of_a_table()) {
-        let origin_mm = input.scan.merged.origin_mm;
-        seams.iter_mut().filter(|seam| rests_on(seam, &table, &origin_mm)).for_each(|seam| {
-            seam.mark_contact(Contact::Table);
-        });
+    if let Some(table) = table.filter(|_| input.scan.is_one_view()) {
+        mark_resting(&mut seams, &table, input);
     }
     Found {
         seams,
@@ -98,13 +95,17 @@ pub fn find(input: &Input, config: &SeamConfig) -> Found {
     }
 }
 
-/// Whether most of a seam runs along a table.
-fn rests_on(seam: &Seam, table: &Support, origin_mm: &Point3<f64>) -> bool {
+/// Marks the seams most of which run along what may be a table.
+fn mark_resting(seams: &mut [Seam], table: &Support, input: &Input) {
     let is_on = |station: &&Station| {
-        let at = Point3::from((station.position_mm - origin_mm).cast());
+        let at = Point3::from((station.position_mm - input.scan.merged.origin_mm).cast());
         station.faces.iter().any(|face| table.is_face(&face.cast(), &at))
     };
-    2 * seam.stations.iter().filter(is_on).count() > seam.stations.len()
+    let rests = |seam: &&mut Seam| 2 * seam.stations.iter().filter(is_on).count() > seam.stations.len();
+    let resting: Vec<&mut Seam> = seams.iter_mut().filter(rests).collect();
+    if !resting.is_empty() && table.surrounds(input.scene) {
+        resting.into_iter().for_each(|seam| seam.mark_contact(Contact::Table));
+    }
 }
 
 /// Weldable seams of a mesh, from its facets; from the cloud on it only if that is a scan, drawn as a mesh.

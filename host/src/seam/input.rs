@@ -34,7 +34,7 @@ pub struct RawScan<'a> {
     pub view_names: Vec<&'a str>,
     /// Whether every point was seen by a camera of known place.
     pub cameras_known: bool,
-    /// Whether the table that the work stands on is in a cloud of one camera or of unknown ones.
+    /// Whether the table that the work stands on is in a cloud of unknown cameras.
     pub table_shown: bool,
 }
 
@@ -44,9 +44,9 @@ impl RawScan<'_> {
         if self.cameras_known { self.view_names.len() > 1 } else { self.table_shown }
     }
 
-    /// Whether one camera saw work on what looks like a table, which may be cropped and of the work all the same.
-    pub fn is_one_view_of_a_table(&self) -> bool {
-        self.cameras_known && self.view_names.len() == 1 && self.table_shown
+    /// Whether it is what one camera saw from one place.
+    pub fn is_one_view(&self) -> bool {
+        self.cameras_known && self.view_names.len() == 1
     }
 }
 

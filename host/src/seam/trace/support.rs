@@ -104,7 +104,7 @@ impl Support {
     }
 
     /// Whether it reaches farther than what stands on it, whichever way one looks along it.
-    fn surrounds(&self, voxels: &Voxels) -> bool {
+    pub fn surrounds(&self, voxels: &Voxels) -> bool {
         table::surrounds(&voxels.cloud.points_mm, &self.normal, self.offset_mm, self.half_mm)
     }
 
