@@ -136,15 +136,15 @@ pub fn locate(stated: &Stated, registration: &Registration) -> Option<Location> 
         Some((adjusted, more))
     };
     let exact = adjusted(&prior.with_exact_camera())?;
-    let may_err = surfaces.camera.is_some() || reported.len() == 1;
+    let looked_for = surfaces.camera.is_some();
     // Value and uncertainty are of one model: the poses scatter as they do with an exact camera.
     let further =
         |prior: &Prior| exact.clone().further(&Known { reported, registered, surfaces, centre_mm, prior });
-    let free = if may_err { further(&prior)? } else { exact.clone() };
+    let free = if looked_for || reported.len() == 1 { further(&prior)? } else { exact.clone() };
     let plain = with_contradictions(prior.with_exact_scale_and_axis())?;
     let with_axis = with_contradictions(prior.with_exact_scale())?;
     let told = if is_axis_told(&with_axis) { &with_axis } else { &plain };
-    let camera = surfaces.camera.as_ref().and_then(|_| finding(&plain, told));
+    let camera = if looked_for { finding(&plain, told) } else { None };
     let (told, contradictions) = &with_axis;
     let hand_eye = correction(&exact, &free, stated.beyond_repair)?;
     let mut covariance = free.of_rigid_motions(&centre_mm);
