@@ -124,10 +124,11 @@ fn a_path_under_noise_is_loaded_started_held_resumed_and_finished_as_planned() {
     panel.wait_for(|seen| matches!(seen, Seen::Outputs { arc: false, motion: false, .. })).unwrap();
     resume(&mut client, &panel, 3_000);
     finish(&mut client, &panel);
-    let counters = client.telemetry.unwrap().counters;
+    let Telemetry { counters, pose, .. } = client.telemetry.unwrap();
     println!("{} samples; pendant counted {counters:?}", client.samples.len());
     assert!(client.samples.len() > 100);
-    assert!(client.samples.iter().any(|sample| sample.segment >= 97));
+    // Samples may be lost, the last ones too; the state that says finished has the last pose.
+    assert_eq!(Some(pose), set_point(&path[98].pose, &path[99].pose, 1 << 24));
     assert_on_path(&client.samples, &path);
     panel.send(b'?').unwrap();
     let stack = panel.wait_for(|seen| matches!(seen, Seen::Stack(_))).unwrap();
