@@ -4,7 +4,7 @@
 //! system, and applies them as full rotations, left-multiplied. Residuals are weighted by Geman-McClure.
 
 use super::correspondence::Match;
-use super::source::{PatchSurface, SourceView};
+use super::source::{MatchedPatch, PatchSurface, SourceView};
 use super::system::{Block, CameraBlock, PatchPair, Solution, System};
 use super::{ReconstructionConfig, Registration, SurfaceEvidence, fitness};
 use crate::geometry::cloud::View;
@@ -351,24 +351,27 @@ impl NearnessSearch<'_> {
         let asked = self.sources[i].sample.iter().step_by(FITNESS_STEP);
         let squared = asked
             .zip(nearby.iter_mut())
-            .filter_map(|(sample, nearby)| self.squared(i, &motions, &sample.point, nearby));
+            .filter_map(|(sample, nearby)| self.squared(i, &motions, sample, nearby));
         let squared: Vec<f32> = squared.collect();
         [fitness(&squared, self.near_mm), squared.len() as f64 / nearby.len().max(1) as f64]
     }
 
-    /// Squared distance to the nearest patch of another view, mm², or to one of those that are aligned; none beyond reach.
+    /// Squared distance to the nearest patch of another view, mm², or to one of those that are aligned; none beyond reach. What faces
+    /// the other way is the other side of a plate and no part of what both see.
     ///
     /// The view that was near at last is asked first, the others only where it is not aligned any more.
     fn squared(
         &self,
         i: usize,
         motions: &[SingleMotion],
-        point: &Point3<f32>,
+        sample: &MatchedPatch,
         nearby: &mut Nearby,
     ) -> Option<f32> {
         let ask = |view: usize, partner: &mut Match| {
-            let q = motions[view].apply(point);
-            let found = partner.find(&self.sources[view].grid, &q, OVERLAP * self.near_mm, |_| true);
+            let (motion, target) = (&motions[view], &self.sources[view]);
+            let (q, facing) = (motion.apply(&sample.point), motion.turn * sample.normal);
+            let same_side = |slot: usize| target.surfaces[slot].normal.dot(&facing) > 0.0;
+            let found = partner.find(&target.grid, &q, OVERLAP * self.near_mm, same_side);
             found.map_or(f32::INFINITY, |(_, hit)| (q - hit).norm_squared())
         };
         let last = nearby.view;
