@@ -2,7 +2,7 @@
 //!
 //! Lengths are millimetres, or whatever the unit of a file is that is not known yet.
 
-use nalgebra::{Matrix3, Point3, Vector3};
+use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 use rayon::prelude::*;
 
 /// The largest planes through points, by three of them at a time (Fischler and Bolles 1981, *Random sample consensus*): unit
@@ -77,14 +77,19 @@ pub fn surrounds(points: &[Point3<f32>], up: &Vector3<f32>, level_mm: f32, half_
 
 /// The ways along a plane that faces `up`.
 pub fn ways(up: &Vector3<f32>) -> [Vector3<f32>; WAYS] {
-    let mut aside = Vector3::zeros();
-    aside[up.iamin()] = 1.0;
-    let a = up.cross(&aside).normalize();
-    let b = up.cross(&a);
+    let [a, b] = axes(up);
     std::array::from_fn(|k| {
         let (sin, cos) = (std::f32::consts::TAU * k as f32 / WAYS as f32).sin_cos();
         a * cos + b * sin
     })
+}
+
+/// Two unit vectors along the plane that faces `up`.
+pub fn axes(up: &Vector3<f32>) -> [Vector3<f32>; 2] {
+    let mut aside = Vector3::zeros();
+    aside[up.iamin()] = 1.0;
+    let a = up.cross(&aside).normalize();
+    [a, up.cross(&a)]
 }
 
 /// Share of what stands over a table that may be stray, as far out as the picture reaches: 0.1 to 0.3 % in single simulated views.
@@ -135,4 +140,102 @@ pub fn stands_on(points: &[Point3<f32>], up: &Vector3<f32>, level_mm: f32, half_
 pub fn carries(points: &[Point3<f32>], up: &Vector3<f32>, level_mm: f32, half_mm: f32) -> bool {
     let ahead = ahead_mm(points, up, level_mm, half_mm, 0.0).map(|ahead| ahead > 2.0 * half_mm);
     (0..WAYS / 2).all(|k| ahead[k] || ahead[k + WAYS / 2])
+}
+
+/// Whether what is on a plane ends at the sides of the picture that one camera took of it rather than within, where nothing is
+/// seen beyond it: the border of a table is far away, that of a plate is seen. What hides some of it tells neither.
+pub fn leaves_picture(
+    points: &[Point3<f32>],
+    cloud_from_camera: &Isometry3<f32>,
+    is_on: impl Fn(&Point3<f32>) -> bool,
+) -> bool {
+    let camera_from_cloud = cloud_from_camera.inverse();
+    let ray = |p: &Point3<f32>| {
+        let p = camera_from_cloud * p;
+        (p.z > 0.0).then(|| [p.x / p.z, p.y / p.z])
+    };
+    let rays = || points.iter().filter_map(|p| Some((ray(p)?, is_on(p))));
+    let all = || rays().map(|(ray, _)| ray);
+    let low = all().reduce(|a, b| [a[0].min(b[0]), a[1].min(b[1])]);
+    let high = all().reduce(|a, b| [a[0].max(b[0]), a[1].max(b[1])]);
+    let Some((low, high)) = low.zip(high) else { return false };
+    let sides = [high[0] - low[0], high[1] - low[1]];
+    let cell = (sides[0] * sides[1] * POINTS_TO_CELL / points.len() as f32).sqrt();
+    let cell = cell.max(sides[0].max(sides[1]) / MOST_CELLS);
+    let [wide, high] = sides.map(|side| (side / cell) as usize + 1);
+    let mut cells = vec![(0u32, 0u32); wide * high];
+    for (ray, on) in rays() {
+        let [x, y] = [0, 1].map(|k| ((ray[k] - low[k]) / cell) as usize);
+        let (seen, of_plane) = &mut cells[y * wide + x];
+        *seen += 1;
+        *of_plane += u32::from(on);
+    }
+    let at = |x: usize, y: usize| (x < wide && y < high).then(|| cells[y * wide + x]);
+    let is_side = |places: &mut dyn Iterator<Item = (usize, usize)>| {
+        let seen: Vec<bool> = places.map(|(x, y)| at(x, y).is_some_and(|(seen, _)| seen > 0)).collect();
+        2 * seen.iter().filter(|seen| **seen).count() > seen.len()
+    };
+    let is_side = [
+        is_side(&mut (0..high).map(|y| (0, y))),
+        is_side(&mut (0..high).map(|y| (wide - 1, y))),
+        is_side(&mut (0..wide).map(|x| (x, 0))),
+        is_side(&mut (0..wide).map(|x| (x, high - 1))),
+    ];
+    let (mut cut, mut ends) = (0, 0);
+    for (x, y) in (0..high).flat_map(|y| (0..wide).map(move |x| (x, y))) {
+        if at(x, y).is_none_or(|(seen, of_plane)| 2 * of_plane <= seen) {
+            continue;
+        }
+        let beyond = [(x.wrapping_sub(1), y), (x + 1, y), (x, y.wrapping_sub(1)), (x, y + 1)];
+        for ((x, y), is_side) in beyond.into_iter().zip(is_side) {
+            match at(x, y) {
+                None if is_side => cut += 1,
+                None | Some((0, _)) => ends += 1,
+                Some(_) => {}
+            }
+        }
+    }
+    cut > ends
+}
+
+/// Points to a cell of the picture, in the mean: fewer leave holes that pass for borders; and the most cells along it.
+const POINTS_TO_CELL: f32 = 10.0;
+const MOST_CELLS: f32 = 64.0;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A camera 400 mm over a floor of so many mm a side, of which it sees 400 x 300 mm, and a post on it; in the corners of its
+    /// picture something below.
+    fn leaves(side_mm: f32) -> bool {
+        const STEP_MM: f32 = 4.0;
+        let across = |mm: f32| (0..(mm / STEP_MM) as i32).map(move |k| STEP_MM * (k as f32 + 0.5) - 0.5 * mm);
+        let all = across(400.0).flat_map(|x| across(300.0).map(move |y| (x, y)));
+        let is_post = |x: f32, y: f32| (30.0..60.0).contains(&x) && y.abs() < 40.0;
+        let is_below = |x: f32, y: f32| x.abs() > 190.0 && y.abs() > 140.0;
+        let at = |(x, y): (f32, f32)| {
+            // On the same ray at a height of 80 mm.
+            if is_post(x, y) {
+                Point3::new(0.8 * x, 0.8 * y, 80.0)
+            } else if is_below(x, y) {
+                Point3::new(1.2 * x, 1.2 * y, -80.0)
+            } else {
+                Point3::new(x, y, 0.0)
+            }
+        };
+        let is_there = |(x, y): &(f32, f32)| x.abs().max(y.abs()) < 0.5 * side_mm || is_below(*x, *y);
+        let points: Vec<Point3<f32>> = all.filter(is_there).map(at).collect();
+        let down = Isometry3::rotation(Vector3::x() * std::f32::consts::PI);
+        let camera = Isometry3::translation(0.0, 0.0, 400.0) * down;
+        leaves_picture(&points, &camera, |p| p.z.abs() < 1.0)
+    }
+
+    #[test]
+    fn a_table_leaves_the_picture_and_a_plate_does_not() {
+        assert!(leaves(1000.0), "it ends nowhere in it");
+        assert!(leaves(330.0), "it ends on two sides, which are the shorter ones");
+        assert!(!leaves(250.0), "it ends within it all round");
+        assert!(!leaves_picture(&[], &Isometry3::identity(), |_| true), "nothing is seen");
+    }
 }

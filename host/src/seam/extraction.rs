@@ -6,7 +6,7 @@
 use super::description::{Identity, described, is_sure, left_out};
 use super::input::Input;
 use super::measure::dimension::Quantity;
-use super::measure::{fitup, grip, joint};
+use super::measure::{fitup, grip, joint, resting};
 use super::ordering::{mark_branches, order};
 use super::refine::{RefineConfig, Refined, bend, expected, layers, overlap, rounds};
 use super::score::edges;
@@ -15,9 +15,9 @@ use super::trace::corner::{self, CornerConfig};
 use super::trace::step::{self, StepConfig, StepModel};
 use super::trace::support::{self, Support};
 use super::trace::{Chain, InsideCorner, loops, splice};
-use super::{Contact, Found, Joint, Seam, Station, facets};
+use super::{Found, Joint, Seam, Station, facets};
 use crate::geometry::mesh::Mesh;
-use nalgebra::{Isometry3, Point3};
+use nalgebra::Isometry3;
 use rayon::prelude::*;
 
 /// Settings of the steps from cloud to seams, in their order.
@@ -71,7 +71,9 @@ pub fn find(input: &Input, config: &SeamConfig) -> Found {
     if input.cues.steps && (seams.is_empty() || seams.iter().any(is_lap)) {
         let mut steps = step_seams(input, table.as_ref(), config);
         if !seams.is_empty() {
-            steps.retain(|step| is_better(step, seams.iter().filter(|seam| is_lap(seam)), v));
+            steps.retain(|step| {
+                is_elsewhere(step, &seams, v) || is_better(step, seams.iter().filter(|seam| is_lap(seam)), v)
+            });
         }
         for worse in [&mut seams, &mut unsure] {
             worse.retain(|seam| !is_lap(seam) || !steps.iter().any(|step| is_beside(seam, step, v)));
@@ -83,7 +85,7 @@ pub fn find(input: &Input, config: &SeamConfig) -> Found {
     let on_table = corners.on_table.iter().map(|corner| corner.position);
     grip::mark_contacts(&mut seams, &corners.off_table, on_table, &input.model);
     if let Some(table) = table.filter(|_| input.scan.is_one_view()) {
-        mark_resting(&mut seams, &table, input);
+        resting::mark_resting(&mut seams, &table, input);
     }
     Found {
         seams,
@@ -92,19 +94,6 @@ pub fn find(input: &Input, config: &SeamConfig) -> Found {
         gate: scores.gate,
         intensity: scores.intensity,
         ..Found::default()
-    }
-}
-
-/// Marks the seams most of which run along what may be a table.
-fn mark_resting(seams: &mut [Seam], table: &Support, input: &Input) {
-    let is_on = |station: &&Station| {
-        let at = Point3::from((station.position_mm - input.scan.merged.origin_mm).cast());
-        station.faces.iter().any(|face| table.is_face(&face.cast(), &at))
-    };
-    let rests = |seam: &&mut Seam| 2 * seam.stations.iter().filter(is_on).count() > seam.stations.len();
-    let resting: Vec<&mut Seam> = seams.iter_mut().filter(rests).collect();
-    if !resting.is_empty() && table.surrounds(input.scene) {
-        resting.into_iter().for_each(|seam| seam.mark_contact(Contact::Table));
     }
 }
 
@@ -242,9 +231,20 @@ pub(super) fn shows_better(step: &Seam, lap: &Seam, voxel_mm: f32) -> bool {
 
 /// Whether most of a lap runs beside a step.
 fn is_beside(lap: &Seam, step: &Seam, voxel_mm: f32) -> bool {
+    2 * beside(lap, std::slice::from_ref(step), voxel_mm) > lap.stations.len()
+}
+
+/// Whether a third or more of a step is where no seam is.
+fn is_elsewhere(step: &Seam, seams: &[Seam], voxel_mm: f32) -> bool {
+    3 * beside(step, seams, voxel_mm) < 2 * step.stations.len()
+}
+
+/// How many stations of a seam are beside others.
+fn beside(seam: &Seam, others: &[Seam], voxel_mm: f32) -> usize {
     let near_mm = NEAR_VOXELS * f64::from(voxel_mm);
-    let near = |a: &Station| step.stations.iter().any(|b| (b.position_mm - a.position_mm).norm() < near_mm);
-    2 * lap.stations.iter().filter(|station| near(station)).count() > lap.stations.len()
+    let near = |a: &Station, b: &Station| (b.position_mm - a.position_mm).norm() < near_mm;
+    let is_near = |a: &&Station| others.iter().any(|other| other.stations.iter().any(|b| near(a, b)));
+    seam.stations.iter().filter(is_near).count()
 }
 
 /// Seams by the second cue: plates and sheets on others, whose sides were not seen or are too narrow.

@@ -4,7 +4,7 @@ use crate::geometry::cloud::{Merged, PointCloud};
 use crate::geometry::grid::Grid;
 use crate::model::downsampling::Voxels;
 use crate::model::reconstruction::Registration;
-use nalgebra::Vector3;
+use nalgebra::{Isometry3, Vector3};
 
 /// Edge of the cells in which the model is looked up, and radius of the neighbourhoods of edge scores, voxels. The paper
 /// gives none; chosen on the simulated scans.
@@ -47,6 +47,13 @@ impl RawScan<'_> {
     /// Whether it is what one camera saw from one place.
     pub fn is_one_view(&self) -> bool {
         self.cameras_known && self.view_names.len() == 1
+    }
+
+    /// Pose of the first view's camera among the points.
+    pub fn camera(&self) -> Option<Isometry3<f32>> {
+        let pose = self.registration?.base_from_camera.first()?;
+        let place = pose.translation.vector - self.merged.origin_mm.coords;
+        Some(Isometry3::from_parts(place.cast::<f32>().into(), pose.rotation.cast()))
     }
 }
 

@@ -5,3 +5,4 @@ pub mod dimension;
 pub mod fitup;
 pub mod grip;
 pub mod joint;
+pub mod resting;

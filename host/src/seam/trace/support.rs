@@ -8,7 +8,7 @@ use crate::geometry::plane::Moments;
 use crate::geometry::statistics::DEVIATION_OF_MEDIAN;
 use crate::geometry::table;
 use crate::model::downsampling::Voxels;
-use nalgebra::{Matrix2, Point3, Vector2, Vector3};
+use nalgebra::{Isometry3, Matrix2, Point3, Vector2, Vector3};
 use rayon::prelude::*;
 use std::collections::HashSet;
 
@@ -35,12 +35,10 @@ const MIXED: f32 = 1.5;
 
 /// Rounds of finding the plane and fitting it.
 const ROUNDS: usize = 3;
-/// Bin of the histogram of heights, voxels; the most bins; and the share of the least support at which a layer is one.
-const BIN_VOXELS: f32 = 2.0;
-const MOST_BINS: f32 = 1e6;
+/// Voxels about the middle of a layer among which all of it is, and the share of the least support that lies closely there: the
+/// rest is spread by noise and by a first direction that slants.
+const LAYER_VOXELS: f32 = 4.0;
 const PEAK_SHARE: f32 = 0.6;
-/// Bins from the first of a layer among which its fullest pair is.
-const PEAK_BINS: usize = 3;
 
 /// Standard deviations beyond which points are left out of the second fit, the least such distance, voxels, and what of a
 /// normal scatter then remains: 0.88 of its deviation lies within two.
@@ -108,6 +106,12 @@ impl Support {
         table::surrounds(&voxels.cloud.points_mm, &self.normal, self.offset_mm, self.half_mm)
     }
 
+    /// Whether the picture of one camera ends before it does, for the most part: a table, or a plate as large.
+    pub fn leaves_picture(&self, voxels: &Voxels, cloud_from_camera: &Isometry3<f32>) -> bool {
+        let is_on = |p: &Point3<f32>| self.height_mm(p).abs() < self.half_mm;
+        table::leaves_picture(&voxels.cloud.points_mm, cloud_from_camera, is_on)
+    }
+
     /// Whether a face with this normal at this place is the support itself.
     pub fn is_face(&self, normal: &Vector3<f32>, place: &Point3<f32>) -> bool {
         normal.dot(&self.normal) > SAME_FACE && self.height_mm(place).abs() < self.clear_mm
@@ -171,17 +175,17 @@ fn along(voxels: &Voxels, direction: &Vector3<f32>) -> Option<Support> {
 /// The plane fitted to the lowest full layer of the points that face along `normal`.
 fn fitted(voxels: &Voxels, normal: &Vector3<f32>) -> Option<Support> {
     let total = voxels.cloud.len() as f32;
-    let bin_mm = BIN_VOXELS * voxels.edge_mm;
     let facing = facing(&voxels.cloud, normal);
-    let heights: Vec<f32> = facing.iter().map(|p| normal.dot(p)).collect();
-    let least = LEAST_SHARE * PEAK_SHARE * total;
-    let middle_mm = lowest_layer_mm(&heights, bin_mm, least)?;
-    // A sheet on the table is another layer within the bin, and would lift, tilt and thicken it.
-    let near = |h: &&f32| (**h - middle_mm).abs() < 2.0 * bin_mm;
-    let every = heights.len() / SAMPLE + 1;
-    let mut near: Vec<f32> = heights.iter().step_by(every).filter(near).copied().collect();
-    near.sort_unstable_by(f32::total_cmp);
-    let lowest = Heights { sorted_mm: &near, voxel_mm: voxels.edge_mm }.lowest(least as usize / every)?;
+    let every = facing.len() / SAMPLE + 1;
+    let least = (PEAK_SHARE * LEAST_SHARE * total / every as f32) as usize;
+    let mut sorted_mm: Vec<f32> = facing.iter().step_by(every).map(|p| normal.dot(p)).collect();
+    sorted_mm.sort_unstable_by(f32::total_cmp);
+    let heights = Heights { sorted_mm: &sorted_mm, voxel_mm: voxels.edge_mm };
+    let middle_mm = heights.lowest(least)?.middle_mm;
+    // A sheet on the table is another layer next to it, and would lift, tilt and thicken it.
+    sorted_mm.retain(|h| (h - middle_mm).abs() < LAYER_VOXELS * voxels.edge_mm);
+    let heights = Heights { sorted_mm: &sorted_mm, voxel_mm: voxels.edge_mm };
+    let lowest = heights.lowest(least)?;
     let within_mm = (TRIM * lowest.deviation_mm).max(TRIM_VOXELS * voxels.edge_mm);
     let Layer { normal, offset_mm, deviation_mm, count } =
         layer(&facing, normal, lowest.middle_mm, within_mm);
@@ -269,7 +273,7 @@ impl Support {
         sorted_mm.sort_unstable_by(f32::total_cmp);
         let least = ((LAYER_SHARE * own as f32) as usize).max(LEAST_LAYER);
         let sheet_mm = Heights { sorted_mm: &sorted_mm, voxel_mm }.beyond_valley(least, own_mm)?;
-        let axes = self.axes()?;
+        let axes = table::axes(&self.normal);
         let cell = |p: &Vector3<f32>| axes.map(|axis| (axis.dot(p) / voxel_mm).floor() as i32);
         let near_mm = own_mm.min(HALFWAY * sheet_mm);
         let bare: HashSet<[i32; 2]> = facing.iter().filter(|p| height(p).abs() < near_mm).map(cell).collect();
@@ -277,27 +281,6 @@ impl Support {
         let twice = of_sheet.iter().filter(|p| bare.contains(&cell(p))).count();
         (twice as f32 <= MOST_TWICE * of_sheet.len() as f32).then_some(sheet_mm)
     }
-
-    /// Two unit vectors along it.
-    fn axes(&self) -> Option<[Vector3<f32>; 2]> {
-        let across = self.normal.cross(&Vector3::new(self.normal.z, self.normal.x, self.normal.y));
-        let a = across.try_normalize(LEAST_LENGTH)?;
-        Some([a, self.normal.cross(&a)])
-    }
-}
-
-/// The middle of the fullest pair of bins where heights first fill one with more than `least`.
-fn lowest_layer_mm(heights: &[f32], bin_mm: f32, least: f32) -> Option<f32> {
-    let (low, high) = heights.iter().fold((f32::MAX, f32::MIN), |(l, h), &v| (l.min(v), h.max(v)));
-    if heights.is_empty() || high - low > MOST_BINS * bin_mm {
-        return None;
-    }
-    let mut histogram = vec![0u32; ((high - low) / bin_mm) as usize + 2];
-    heights.iter().for_each(|h| histogram[((h - low) / bin_mm) as usize] += 1);
-    let first = histogram.windows(2).position(|w| (w[0] + w[1]) as f32 > least)?;
-    let pairs = first..(first + PEAK_BINS).min(histogram.len() - 1);
-    let best = pairs.max_by_key(|&b| histogram[b] + histogram[b + 1])?;
-    Some(low + (best + 1) as f32 * bin_mm)
 }
 
 /// A plane through some points.
@@ -308,23 +291,27 @@ struct Layer {
     count: f32,
 }
 
-/// The plane through the points that are nearer than `within_mm` to one square to `axis`.
+/// The plane through the points that are nearer than `within_mm` to one square to `axis`, fitted in axes along it: in any others
+/// the scatter about a large plane is lost in single precision.
 fn layer(points: &[Vector3<f32>], axis: &Vector3<f32>, middle_mm: f32, within_mm: f32) -> Layer {
+    let [a, b] = table::axes(axis);
     let mut moments = Moments::default();
     for p in points {
-        if (axis.dot(p) - middle_mm).abs() < within_mm {
-            moments.add(p - axis * middle_mm);
+        let height_mm = axis.dot(p) - middle_mm;
+        if height_mm.abs() < within_mm {
+            moments.add(Vector3::new(a.dot(p), b.dot(p), height_mm));
         }
     }
     let plane = moments.plane();
-    let normal = if plane.normal.dot(axis) < 0.0 { -plane.normal } else { plane.normal };
-    let offset_mm = normal.dot(&(plane.mean + axis * middle_mm));
+    let local = if plane.normal.z < 0.0 { -plane.normal } else { plane.normal };
+    let normal = a * local.x + b * local.y + axis * local.z;
+    let offset_mm = local.dot(&plane.mean) + local.z * middle_mm;
     Layer { normal, offset_mm, deviation_mm: plane.variance_mm2.sqrt(), count: moments.count }
 }
 
 /// Whether the normals of a support's points turn with their place on it, as on a tube.
 fn is_curved(voxels: &Voxels, support: &Support) -> bool {
-    let Some([a, b]) = support.axes() else { return false };
+    let [a, b] = table::axes(&support.normal);
     let rows = || {
         let both = voxels.cloud.points_mm.iter().zip(&voxels.cloud.normals);
         both.filter(|(p, n)| n.dot(&support.normal) > FACING && support.height_mm(p).abs() < support.half_mm)
@@ -350,6 +337,7 @@ fn is_curved(voxels: &Voxels, support: &Support) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nalgebra::{Unit, UnitQuaternion};
 
     const EDGE_MM: f32 = 1.2;
 
@@ -368,7 +356,11 @@ mod tests {
     }
 
     fn table(points_mm: Vec<Point3<f32>>) -> Support {
-        let normals = vec![Vector3::z(); points_mm.len()];
+        table_facing(points_mm, Vector3::z())
+    }
+
+    fn table_facing(points_mm: Vec<Point3<f32>>, normal: Vector3<f32>) -> Support {
+        let normals = vec![normal; points_mm.len()];
         let cloud = PointCloud { origin_mm: Point3::origin(), points_mm, normals };
         find(&Voxels { cloud, edge_mm: EDGE_MM, ..Voxels::default() }).expect("a table")
     }
@@ -386,6 +378,23 @@ mod tests {
             assert!((found.clear_mm - 0.5 * height_mm).abs() < 0.1, "{height_mm} mm: {found:?}");
             let on = |z: f32| found.is_face(&Vector3::z(), &Point3::new(40.0, 40.0, z));
             assert!(on(0.0) && !on(height_mm), "{height_mm} mm");
+        }
+    }
+
+    /// The fullest layer is not the lowest, and what scatters about a large plane is told in no axes but its own.
+    #[test]
+    fn the_table_is_told_under_a_plate_that_hides_most_of_it_in_any_frame() {
+        let is_plate = |x: i32, y: i32| (8..75).contains(&x) && y > 5;
+        for height_mm in [5.0, 8.0, 30.0] {
+            let points = [level(80, 0.0, |x, y| !is_plate(x, y)), level(80, height_mm, is_plate)].concat();
+            let upright = table(points.clone());
+            assert!(upright.offset_mm.abs() < 0.05, "{height_mm} mm: {upright:?}");
+            for axis in [Vector3::x(), Vector3::new(1.0, 2.0, -0.5), Vector3::new(-1.0, 1.0, 0.0)] {
+                let turn = UnitQuaternion::from_axis_angle(&Unit::new_normalize(axis), 0.955);
+                let turned = points.iter().map(|p| turn * p + Vector3::new(150.0, -80.0, 60.0)).collect();
+                let found = table_facing(turned, turn * Vector3::z());
+                assert!((found.own_mm / upright.own_mm - 1.0).abs() < 0.02, "{height_mm} mm: {found:?}");
+            }
         }
     }
 
