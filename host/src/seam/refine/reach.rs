@@ -50,28 +50,37 @@ pub(super) struct Reach {
 /// How far a face extends from the seam before it bends away or ends, mm.
 ///
 /// A robust parabola over the inner part is continued outward; the face ends at the first strip whose median departs
-/// from it, or in which points are missing. A lip inside the window would cost half a millimetre.
+/// from it, or in which points are missing. A lip inside the window would cost half a millimetre: of the side of a plate that
+/// ends within the inner part, what may be over its edge is left out of the parabola.
 pub(super) fn reach(points: &[Beside], scale: &Reach) -> f32 {
-    let inner: Vec<(f64, f64)> = points
-        .iter()
-        .filter(|p| p.u > scale.from_mm && p.u < scale.inner_mm)
-        .map(|p| (f64::from(p.u), f64::from(p.h)))
-        .collect();
-    if inner.len() < LEAST_POINTS {
+    let within = |until_mm: f32| {
+        let inner = points.iter().filter(move |p| p.u > scale.from_mm && p.u < until_mm);
+        inner.map(|p| (f64::from(p.u), f64::from(p.h))).collect::<Vec<_>>()
+    };
+    let whole = within(scale.inner_mm);
+    if whole.len() < LEAST_POINTS {
         return scale.inner_mm.min(scale.most_mm);
     }
-    let Some(face) = Parabola::fitted(&inner) else { return scale.inner_mm };
     let strip = STRIP * scale.inner_mm;
     let mut heights = by_strip(points, strip, (scale.most_mm / strip) as usize + 1);
     let first = (scale.from_mm / strip) as usize + 1;
-    let last_inner = (scale.inner_mm / strip) as usize;
-    let mut counts: Vec<f32> =
-        heights[first..last_inner.min(heights.len())].iter().map(|h| h.len() as f32).collect();
+    let whole_strips = first..((scale.inner_mm / strip) as usize).clamp(first, heights.len());
+    let mut counts: Vec<f32> = heights[whole_strips.clone()].iter().map(|h| h.len() as f32).collect();
     let usual = median(&mut counts);
+    let last = whole_strips.clone().rfind(|k| heights[*k].len() as f32 >= MISSING * usual);
+    let ends_mm = last.map_or(0.0, |last| (last + 1) as f32 * strip);
+    let (inner_mm, inner) = if last.is_some_and(|last| last + 1 < whole_strips.end) {
+        let inner_mm = (ends_mm - BEFORE_LIP * strip).max(LEAST_REACH * ends_mm);
+        (inner_mm, within(inner_mm))
+    } else {
+        (scale.inner_mm, whole)
+    };
+    let Some(face) = Parabola::fitted(&inner) else { return inner_mm };
+    let last_inner = (inner_mm / strip) as usize;
     let gate = (OFF_DEVIATIONS * face.sigma).max(OFF_MM);
     let off = |k: usize, heights: &mut [f32]| {
         let middle = f64::from((k as f32 + 0.5) * strip);
-        let drift = DRIFT * (middle - f64::from(scale.inner_mm)).max(0.0);
+        let drift = DRIFT * (middle - f64::from(inner_mm)).max(0.0);
         (f64::from(median(heights)) - face.height(middle)).abs() > gate + drift
     };
     let is_doubted = scale.begins_mm < scale.from_mm;
@@ -82,14 +91,14 @@ pub(super) fn reach(points: &[Beside], scale: &Reach) -> f32 {
     {
         return 0.0;
     }
-    let looked_at = if is_doubted { first } else { last_inner - STRIPS_BEFORE };
+    let looked_at = if is_doubted { first } else { last_inner.saturating_sub(STRIPS_BEFORE).max(first) };
     for (k, strip_heights) in heights.iter_mut().enumerate().skip(looked_at) {
         let begin = k as f32 * strip;
         if (strip_heights.len() as f32) < MISSING * usual {
-            return (begin - BEFORE_GAP * strip).max(LEAST_REACH * scale.inner_mm);
+            return (begin - BEFORE_GAP * strip).max(LEAST_REACH * inner_mm);
         }
         if off(k, strip_heights) {
-            return (begin - BEFORE_LIP * strip).max(LEAST_REACH * scale.inner_mm);
+            return (begin - BEFORE_LIP * strip).max(LEAST_REACH * inner_mm);
         }
     }
     scale.most_mm

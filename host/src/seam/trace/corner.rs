@@ -266,8 +266,13 @@ fn round(
             moments[mine].add(p.offset);
         }
     }
-    let face = |k: usize| {
-        let plane = moments[k].plane();
+    let mut face = |k: usize| {
+        let mut plane = moments[k].plane();
+        if faces.is_none() && plane.variance_mm2 > tolerance * tolerance {
+            let own = points.iter().filter(|p| p.normal.dot(&normals[k]) > ASSIGNED);
+            moments[k] = fullest_layer(own.map(|p| p.offset).collect(), &normals[k], tolerance);
+            plane = moments[k].plane();
+        }
         let normal = if plane.normal.dot(&normals[k]) < 0.0 { -plane.normal } else { plane.normal };
         (moments[k].count >= LEAST_ON_FACE).then(|| Face {
             normal,
@@ -277,6 +282,18 @@ fn round(
     };
     let faces = [face(0)?, face(1)?];
     (faces[0].normal.cross(&faces[1].normal).norm() > LEAST_SINE).then_some(faces)
+}
+
+/// The points of one face where those that face along a normal lie in two layers, as on a plate and on what it lies on: where most
+/// are within the tolerance of one height.
+fn fullest_layer(mut points: Vec<Vector3<f32>>, normal: &Vector3<f32>, tolerance: f32) -> Moments {
+    points.sort_unstable_by(|a, b| normal.dot(a).total_cmp(&normal.dot(b)));
+    let until =
+        |k: usize| points.partition_point(|p| normal.dot(p) < normal.dot(&points[k]) + 2.0 * tolerance);
+    let fullest = (0..points.len()).map(|k| k..until(k)).max_by_key(|layer| layer.len());
+    let mut moments = Moments::default();
+    fullest.into_iter().flatten().for_each(|k| moments.add(points[k]));
+    moments
 }
 
 /// Share of a face that lies in front of the other: 1 at an inside corner, 0 at an outside one, a half where the face
