@@ -17,6 +17,7 @@ pub mod command;
 pub mod in_process;
 pub mod page;
 pub mod qemu;
+pub mod scans;
 pub mod simulated;
 pub mod world;
 

@@ -5,14 +5,14 @@
 
 use std::path::Path;
 
-use nalgebra::Point3;
 use weldpath::input;
 use weldpath::lab::evaluation::{Options, PathSet, Score, Truth, score};
-use weldpath::lab::simulation::{Format, MeshRequest, Request, SensorErrors, simulate, simulate_mesh, write};
+use weldpath::lab::simulation::{Request, simulate, simulate_mesh, write};
 use weldpath::output::verdict::ReasonId;
 use weldpath::pipeline::{self, Plan};
 use weldpath::run::job::Job;
 use weldpath::run::postprocessing::postprocess;
+use weldpath_tests::scans::{block, of_mesh};
 use weldpath_tests::shared_data;
 
 /// The worst that is accepted: position RMSE in mm, torch RMSE in degrees, shares in percent.
@@ -183,13 +183,6 @@ fn webs_that_cross_end_each_others_seams() {
     assert!(scored.coverage > 0.97 && scored.rmse_deg.is_some_and(|deg| deg < 0.7));
 }
 
-/// Triangles of a box, mm.
-fn block(low: [f64; 3], high: [f64; 3]) -> Vec<[Point3<f64>; 3]> {
-    let at = |k: usize| Point3::from([0, 1, 2].map(|axis| if k >> axis & 1 == 0 { low } else { high }[axis]));
-    let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
-    quads.iter().flat_map(|[a, b, c, d]| [[at(*a), at(*b), at(*c)], [at(*a), at(*c), at(*d)]]).collect()
-}
-
 /// At the distance from which a big part is seen whole, a view puts one or two points in a voxel of a face.
 #[test]
 fn both_sides_and_the_ends_of_ribs_are_found_at_working_distance() {
@@ -201,19 +194,8 @@ fn both_sides_and_the_ends_of_ribs_are_found_at_working_distance() {
     ];
     let ribs = ribs.into_iter().flat_map(|(low, high)| block(low, high));
     for seed in [3, 5] {
-        let request = MeshRequest {
-            name: "ribs".into(),
-            triangles: plate.iter().copied().chain(ribs.clone()).collect(),
-            welds: None,
-            views: 8,
-            noise: "mid".parse().expect("a noise"),
-            seed,
-            size_px: [640, 480],
-            distance_mm: None,
-            format: Format::Png,
-            cell: None,
-            sensor: SensorErrors::default(),
-        };
+        let triangles = plate.iter().copied().chain(ribs.clone()).collect();
+        let request = of_mesh("ribs", triangles, 8, seed);
         let scratch = tempfile::tempdir().expect("a folder");
         write(&simulate_mesh(&request).expect("a scan"), scratch.path()).expect("a folder");
         let truth = truth(&scratch.path().join("truth.json"));

@@ -5,13 +5,11 @@
 
 use std::path::Path;
 
-use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use weldpath::geometry::cloud::View;
 use weldpath::input;
 use weldpath::lab::evaluation::{Options, PathSet, Truth, score};
-use weldpath::lab::simulation::{
-    CellErrors, Format, MeshRequest, Part, Request, SensorErrors, simulate, simulate_mesh, write,
-};
+use weldpath::lab::simulation::{CellErrors, MeshRequest, Part, Request, simulate, simulate_mesh, write};
 use weldpath::output::csv;
 use weldpath::output::frame::PathFrame;
 use weldpath::output::verdict::ReasonId;
@@ -20,6 +18,7 @@ use weldpath::run::job::Job;
 use weldpath::run::verdict;
 use weldpath::seam::Seam;
 use weldpath_tests::adversary::Random;
+use weldpath_tests::scans::{block, of_mesh, read};
 
 /// A cell of everyday quality: what findings call "hand-eye off by 2 mm and 0.5 degrees, robot true to 0.1 mm".
 const CELL: CellErrors = CellErrors {
@@ -192,13 +191,6 @@ fn the_same_of_more_parts() {
     simulated(&[Part::Fillet, Part::Pipe, Part::ButtV, Part::Corner, Part::Branch], 21..=24).check();
 }
 
-/// Triangles of a box, mm.
-fn block(low: [f64; 3], high: [f64; 3]) -> Vec<[Point3<f64>; 3]> {
-    let at = |k: usize| Point3::from([0, 1, 2].map(|axis| if k >> axis & 1 == 0 { low } else { high }[axis]));
-    let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
-    quads.iter().flat_map(|[a, b, c, d]| [[at(*a), at(*b), at(*c)], [at(*a), at(*c), at(*d)]]).collect()
-}
-
 /// Many views tell so much of the surfaces that what bends these passes for a camera that is off, unless something holds it.
 #[test]
 fn a_panel_in_sixteen_views_states_about_what_it_is_off_by() {
@@ -207,23 +199,10 @@ fn a_panel_in_sixteen_views_states_about_what_it_is_off_by() {
     let across = (0..3).map(|i| (85.0 + 140.0 * f64::from(i % 2), 70.0 + 60.0 * f64::from(i)));
     let across = across.map(|(x, y)| block([x, y, 10.0], [x + 95.0, y + 7.0, 40.0]));
     let plate = block([0.0; 3], [420.0, 260.0, 10.0]);
-    let request = MeshRequest {
-        name: "panel".into(),
-        triangles: plate.into_iter().chain(upright.flatten()).chain(across.flatten()).collect(),
-        welds: None,
-        views: 16,
-        noise: "mid".parse().unwrap(),
-        seed: 22,
-        size_px: [640, 480],
-        distance_mm: None,
-        format: Format::Png,
-        cell: Some(CELL),
-        sensor: SensorErrors::default(),
-    };
-    let home = tempfile::tempdir().unwrap();
+    let triangles = plate.into_iter().chain(upright.flatten()).chain(across.flatten()).collect();
+    let request = MeshRequest { cell: Some(CELL), ..of_mesh("panel", triangles, 16, 22) };
     let scan = simulate_mesh(&request).unwrap();
-    write(&scan, home.path()).unwrap();
-    let read = input::read(home.path(), &input::Options::default()).unwrap();
+    let read = read(&scan);
     let [real, stated] = errors(&plan(&read.views, Anchor::default()), &scan.truth);
     println!("panel: {real:.2} mm, stated {stated:.2}");
     assert!(real < MOST_MM && stated < 2.0 * real && real < 2.0 * stated, "{real} and {stated} mm");

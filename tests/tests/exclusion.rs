@@ -5,26 +5,16 @@ use std::path::Path;
 use std::sync::LazyLock;
 
 use nalgebra::{Point3, Vector3};
-use weldpath::input::{self, Scan};
+use weldpath::input::{CloudFrame, Scan};
 use weldpath::lab::evaluation::{Options, PathSet, Score, Truth, score};
-use weldpath::lab::simulation::{
-    Format, ListedWeld, MeshRequest, Noise, SensorErrors, Simulated, simulate_mesh, write,
-};
+use weldpath::lab::simulation::{ListedWeld, MeshRequest, Simulated, simulate_mesh};
 use weldpath::output::verdict::ReasonId;
 use weldpath::pipeline::{Plan, PlanError};
 use weldpath::run::job::Job;
 use weldpath::run::planning;
 use weldpath::run::postprocessing::{Output, postprocess};
 use weldpath::seam::Seam;
-
-type Triangle = [Point3<f64>; 3];
-
-fn cuboid(low: [f64; 3], high: [f64; 3]) -> Vec<Triangle> {
-    let corner = |k: usize| Point3::from([0, 1, 2].map(|axis| [low, high][k >> axis & 1][axis]));
-    // Each side by its corners, counter-clockwise from outside; bit 0 of a corner is x, bit 1 y, bit 2 z.
-    let sides = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
-    sides.iter().flat_map(|[a, b, c, d]| [[*a, *b, *c], [*a, *c, *d]]).map(|t| t.map(corner)).collect()
-}
+use weldpath_tests::scans::{Triangle, block, of_mesh, read};
 
 /// Plate and web; the seams run along x at `WEB_MM` on either side.
 const WEB_MM: f64 = 4.0;
@@ -33,15 +23,15 @@ const JAW_MM: f64 = 60.0;
 
 fn part() -> Vec<Triangle> {
     [
-        cuboid([-100.0, -JAW_MM, 0.0], [100.0, JAW_MM, 8.0]),
-        cuboid([-100.0, -WEB_MM, 8.0], [100.0, WEB_MM, 68.0]),
+        block([-100.0, -JAW_MM, 0.0], [100.0, JAW_MM, 8.0]),
+        block([-100.0, -WEB_MM, 8.0], [100.0, WEB_MM, 68.0]),
     ]
     .concat()
 }
 
 /// Longer, wider and higher than the part, so that scans with and without it are placed alike.
 fn jaws() -> Vec<Triangle> {
-    [cuboid([-120.0, -90.0, 0.0], [120.0, -JAW_MM, 30.0]), cuboid([-120.0, JAW_MM, 0.0], [120.0, 90.0, 75.0])]
+    [block([-120.0, -90.0, 0.0], [120.0, -JAW_MM, 30.0]), block([-120.0, JAW_MM, 0.0], [120.0, 90.0, 75.0])]
         .concat()
 }
 
@@ -56,26 +46,9 @@ fn welds() -> Vec<ListedWeld> {
 
 /// What cameras see of it; another number of views has other poses.
 fn simulated(triangles: Vec<Triangle>, welds: Vec<ListedWeld>, views: usize) -> Simulated {
-    let request = MeshRequest {
-        name: "vise".into(),
-        triangles,
-        welds: Some(welds),
-        views,
-        noise: Noise::Mid,
-        seed: 1,
-        size_px: [480, 360],
-        distance_mm: None,
-        format: Format::Png,
-        cell: None,
-        sensor: SensorErrors::default(),
-    };
+    let request =
+        MeshRequest { welds: Some(welds), size_px: [480, 360], ..of_mesh("vise", triangles, views, 1) };
     simulate_mesh(&request).expect("a scan")
-}
-
-fn read(simulated: &Simulated) -> Scan {
-    let folder = tempfile::tempdir().expect("a folder");
-    write(simulated, folder.path()).expect("a folder");
-    input::read(folder.path(), &input::Options::default()).expect("a scan")
 }
 
 static CLAMPED: LazyLock<(Scan, Truth)> = LazyLock::new(|| {
@@ -162,9 +135,9 @@ fn jaws_that_nothing_excludes_are_named_and_welded_only_if_that_is_accepted() {
 
 /// Walls as jaws are, with a rib between them that is as high as `rib_mm`.
 fn channel(rib_mm: f64) -> Vec<Triangle> {
-    let wall = |low: f64| cuboid([-120.0, low, 0.0], [120.0, low + 10.0, 50.0]);
-    let plate = cuboid([-100.0, -JAW_MM, 0.0], [100.0, JAW_MM, 8.0]);
-    let rib = cuboid([-4.0, -JAW_MM, 8.0], [4.0, JAW_MM, 8.0 + rib_mm]);
+    let wall = |low: f64| block([-120.0, low, 0.0], [120.0, low + 10.0, 50.0]);
+    let plate = block([-100.0, -JAW_MM, 0.0], [100.0, JAW_MM, 8.0]);
+    let rib = block([-4.0, -JAW_MM, 8.0], [4.0, JAW_MM, 8.0 + rib_mm]);
     [plate, wall(-JAW_MM - 10.0), wall(JAW_MM), rib].concat()
 }
 
@@ -219,7 +192,7 @@ fn an_exclusion_that_leaves_nothing_says_so() {
 
 #[test]
 fn a_background_in_the_cameras_frame_does_not_fit_a_scan_in_the_base_frame() {
-    let before = Scan { frame: input::CloudFrame::Camera, ..EMPTY.clone() };
+    let before = Scan { frame: CloudFrame::Camera, ..EMPTY.clone() };
     let error = CLAMPED.0.clone().over(before).expect_err("two frames").to_string();
     assert!(error.contains("background") && error.contains("its camera"), "{error}");
 }

@@ -1,0 +1,77 @@
+//! Scans of simulated workpieces, planned and scored as the command does it.
+
+use std::path::Path;
+
+use nalgebra::Point3;
+use weldpath::input::{self, Scan};
+use weldpath::lab::evaluation::{Options, PathSet, Score, score};
+use weldpath::lab::simulation::{Format, MeshRequest, Noise, SensorErrors, Simulated, write};
+use weldpath::output::verdict::Verdict;
+use weldpath::pipeline::Plan;
+use weldpath::run::job::Job;
+use weldpath::run::planning;
+use weldpath::run::postprocessing::postprocess;
+
+/// Corners of a triangle, mm.
+pub type Triangle = [Point3<f64>; 3];
+
+/// Triangles of a box between two of its corners, mm.
+pub fn block(low: [f64; 3], high: [f64; 3]) -> Vec<Triangle> {
+    let corner = |k: usize| Point3::from([0, 1, 2].map(|axis| [low, high][k >> axis & 1][axis]));
+    // Each side by its corners, counter-clockwise from outside; bit 0 of a corner is x, bit 1 y, bit 2 z.
+    let sides = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    sides.iter().flat_map(|[a, b, c, d]| [[*a, *b, *c], [*a, *c, *d]]).map(|t| t.map(corner)).collect()
+}
+
+/// A scan of a mesh with an everyday camera from its usual distance.
+pub fn of_mesh(name: &str, triangles: Vec<Triangle>, views: usize, seed: u64) -> MeshRequest {
+    MeshRequest {
+        name: name.into(),
+        triangles,
+        welds: None,
+        views,
+        noise: Noise::Mid,
+        seed,
+        size_px: [640, 480],
+        distance_mm: None,
+        format: Format::Png,
+        cell: None,
+        sensor: SensorErrors::default(),
+    }
+}
+
+/// Written to a folder and read from it.
+///
+/// # Panics
+/// If either fails.
+pub fn read(simulated: &Simulated) -> Scan {
+    let folder = tempfile::tempdir().expect("a folder");
+    write(simulated, folder.path()).expect("a folder");
+    input::read(folder.path(), &input::Options::default()).expect("a scan")
+}
+
+/// What a plan of a scan came to.
+pub struct Outcome {
+    /// The plan, selected or not.
+    pub plan: Plan,
+    /// What is said of it.
+    pub verdict: Verdict,
+    /// Of `path.csv` against the truth; none where nothing is welded.
+    pub score: Option<Score>,
+}
+
+/// Plans a scan as the text of a job says.
+///
+/// # Panics
+/// If it has no plan at all.
+pub fn planned(simulated: &Simulated, job: &str) -> Outcome {
+    let scan = read(simulated);
+    let job = Job::parse(job, Path::new("job.toml")).expect("a job");
+    let name = &simulated.truth.name;
+    let plan = planning::plan(&scan, &job, &mut ()).unwrap_or_else(|error| panic!("{name}: {error}"));
+    let output = postprocess(&plan, &job, planning::source(&scan, &job)).expect("files");
+    let csv = output.files.iter().find(|file| file.name == "path.csv").expect("path.csv");
+    let paths = PathSet::parse(&csv.bytes, Path::new("path.csv")).ok();
+    let score = paths.map(|paths| score(&paths, &simulated.truth, &Options::default()));
+    Outcome { plan, verdict: output.summary.verdict().clone(), score }
+}
