@@ -103,8 +103,8 @@ impl Contact {
                  nothing else ties them to it"
             }
             Self::Table => {
-                "it may be where the work rests on the table: one of its faces reaches farther all round than what stands on it, and \
-                 one view shows nothing below"
+                "it may be where the work rests on the table: one of its faces reaches farther all round than what stands on it, or \
+                 out of the picture under what lies on it, and one view shows nothing below"
             }
         }
     }

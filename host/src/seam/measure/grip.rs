@@ -38,11 +38,16 @@ pub fn mark_contacts(
     if !any_across(corners) {
         return;
     }
-    let bodies = Bodies::parted(model, corners.iter().map(|corner| corner.position).chain(on_table));
-    let lines = lines(corners, |corner| {
-        let beside = |k| bodies.beside(&corner.position, &corner.faces, k);
-        Some([beside(0)?, beside(1)?])
-    });
+    let mut bodies = Bodies::parted(model, corners.iter().map(|corner| corner.position).chain(on_table));
+    let of_corners = |bodies: &Bodies| {
+        lines(corners, |corner| {
+            let beside = |k| bodies.beside(&corner.position, &corner.faces, k);
+            Some([beside(0)?, beside(1)?])
+        })
+    };
+    bodies.join(webs(&of_corners(&bodies)));
+    let mut lines = of_corners(&bodies);
+    lines.retain(|line| line.bodies[0] != line.bodies[1]);
     let sides: Vec<Sides> = seams.iter().map(|seam| bodies.sides_of(seam)).collect();
     for k in contacts(&lines, &sides, ABOVE_VOXELS * model.voxel_mm()) {
         seams[k].mark_contact(Contact::Held);
@@ -74,6 +79,7 @@ fn any_across(corners: &[InsideCorner]) -> bool {
 type Sides = [Option<usize>; 2];
 
 /// Inside corners between the same two bodies, on faces of the same directions.
+#[derive(Clone)]
 struct Line {
     bodies: [usize; 2],
     faces: [Vector3<f32>; 2],
@@ -82,12 +88,12 @@ struct Line {
     count: usize,
 }
 
-/// The lines in which bodies touch.
+/// The lines in which bodies touch, or one has an inside corner of its own.
 fn lines(corners: &[InsideCorner], bodies_of: impl Fn(&InsideCorner) -> Option<[usize; 2]>) -> Vec<Line> {
     let mut lines: Vec<Line> = Vec::new();
     for corner in corners {
-        let Some([a, b]) = bodies_of(corner).filter(|[a, b]| a != b) else { continue };
-        let faces = if a < b { corner.faces } else { [corner.faces[1], corner.faces[0]] };
+        let Some([a, b]) = bodies_of(corner) else { continue };
+        let faces = if a <= b { corner.faces } else { [corner.faces[1], corner.faces[0]] };
         let bodies = [a.min(b), a.max(b)];
         let is_on = |line: &&mut Line| {
             line.bodies == bodies && (0..2).all(|k| line.faces[k].dot(&faces[k]) > SAME_DIRECTION)
@@ -109,6 +115,25 @@ fn lines(corners: &[InsideCorner], bodies_of: impl Fn(&InsideCorner) -> Option<[
     lines.retain(|line| line.count >= LEAST_CORNERS);
     lines.iter_mut().for_each(|line| line.place_mm /= line.count as f32);
     lines
+}
+
+/// Bodies that are one: a web, and the half of its plate that nothing but the web parts from the other half. The web's flush end ties
+/// that to it, and its foot there is a corner of one body.
+fn webs(lines: &[Line]) -> Groups {
+    let mut groups = Groups::default();
+    for own in lines.iter().filter(|line| line.bodies[0] == line.bodies[1]) {
+        for line in lines.iter().filter(|line| line.bodies[0] != line.bodies[1]) {
+            let is_foot = |web: usize, wall: usize| {
+                line.bodies[web] == own.bodies[0]
+                    && line.faces[web].dot(&own.faces[wall]) < -SAME_DIRECTION
+                    && line.faces[1 - web].dot(&own.faces[1 - wall]) > SAME_DIRECTION
+            };
+            if [(0, 0), (0, 1), (1, 0), (1, 1)].into_iter().any(|(web, wall)| is_foot(web, wall)) {
+                groups.join(line.bodies);
+            }
+        }
+    }
+    groups
 }
 
 /// Two lines of a body across each other: the bodies that meet it in them look at each other, or away from each other.
@@ -271,6 +296,11 @@ impl<'a> Bodies<'a> {
         Self { model, of_point }
     }
 
+    /// Makes one of those that belong together.
+    fn join(&mut self, groups: Groups) {
+        self.of_point.iter_mut().flatten().for_each(|body| *body = groups.of(*body));
+    }
+
     /// The bodies that most stations of a seam have on their faces.
     fn sides_of(&self, seam: &Seam) -> Sides {
         let frames: Vec<Frame> =
@@ -293,5 +323,27 @@ impl<'a> Bodies<'a> {
         let (slot, _) =
             self.model.index.nearest(&at, NEAR_VOXELS * v, |slot| self.of_point[slot].is_some())?;
         self.of_point[slot]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn line(bodies: [usize; 2], faces: [Vector3<f32>; 2]) -> Line {
+        Line { bodies, faces, direction: Vector3::x(), place_mm: Vector3::zeros(), count: LEAST_CORNERS }
+    }
+
+    /// A web (1) on a plate between two jaws (3, 4); its flush end makes one body of it and of the plate on one side.
+    #[test]
+    fn a_web_ties_both_halves_of_its_plate_and_no_jaw() {
+        let (up, left, right) = (Vector3::z(), Vector3::y(), -Vector3::y());
+        let own_foot = line([1, 1], [up, left]);
+        let other_foot = line([1, 2], [right, up]);
+        let jaws = [line([2, 3], [up, left]), line([1, 4], [up, right])];
+        let groups = webs(&[vec![own_foot, other_foot], jaws.into()].concat());
+        assert_eq!(groups.of(1), groups.of(2));
+        assert!(groups.of(3) != groups.of(1) && groups.of(4) != groups.of(1));
+        assert_eq!(webs(&[line([1, 2], [right, up])]).of(2), 2, "a wall that is seen from one side only");
     }
 }

@@ -21,7 +21,8 @@ use nalgebra::Point3;
 
 /// Stations put to each end of an open path in every round.
 const ADDED: usize = 2;
-/// Noise, as a share of the step, below which a camera's layers are the stairs of its quantised depth.
+/// Noise, as a share of the step, below which the layers that one camera shows are the stairs of its quantised depth; those of
+/// several do not lie in each other.
 const QUANTISED: f32 = 0.02;
 /// Least height of points of the upper layer, in least heights of a step.
 const UPPER_SHARE: f32 = 0.7;
@@ -134,7 +135,7 @@ impl Layers {
         // No wider than the noise: the side of a plate that was sampled would pass for more of its top.
         let mut misses: Vec<f32> = heights.iter().map(|up| (up - height_mm).abs()).collect();
         let noise_mm = robust_deviation(&mut misses);
-        if scan.cameras_known && noise_mm < QUANTISED * height_mm {
+        if scan.is_one_view() && noise_mm < QUANTISED * height_mm {
             return None;
         }
         let half_mm = (LAYER_DEVIATIONS * noise_mm).clamp(LEAST_LAYER_VOXELS * v, config.layer * v);
