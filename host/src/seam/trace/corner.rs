@@ -270,7 +270,7 @@ fn round(
         let mut plane = moments[k].plane();
         if faces.is_none() && plane.variance_mm2 > tolerance * tolerance {
             let own = points.iter().filter(|p| p.normal.dot(&normals[k]) > ASSIGNED);
-            moments[k] = fullest_layer(own.map(|p| p.offset).collect(), &normals[k], tolerance);
+            moments[k] = fullest_layer(own.map(|p| p.offset), &normals[k], tolerance);
             plane = moments[k].plane();
         }
         let normal = if plane.normal.dot(&normals[k]) < 0.0 { -plane.normal } else { plane.normal };
@@ -286,13 +286,22 @@ fn round(
 
 /// The points of one face where those that face along a normal lie in two layers, as on a plate and on what it lies on: where most
 /// are within the tolerance of one height.
-fn fullest_layer(mut points: Vec<Vector3<f32>>, normal: &Vector3<f32>, tolerance: f32) -> Moments {
-    points.sort_unstable_by(|a, b| normal.dot(a).total_cmp(&normal.dot(b)));
-    let until =
-        |k: usize| points.partition_point(|p| normal.dot(p) < normal.dot(&points[k]) + 2.0 * tolerance);
-    let fullest = (0..points.len()).map(|k| k..until(k)).max_by_key(|layer| layer.len());
+fn fullest_layer(
+    points: impl Iterator<Item = Vector3<f32>>,
+    normal: &Vector3<f32>,
+    tolerance: f32,
+) -> Moments {
+    let mut sorted: Vec<(f32, Vector3<f32>)> = points.map(|p| (normal.dot(&p), p)).collect();
+    sorted.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+    let (mut to, mut fullest) = (0, 0..0);
+    for (from, (height, _)) in sorted.iter().enumerate() {
+        to += sorted[to..].iter().take_while(|p| p.0 < height + 2.0 * tolerance).count();
+        if to - from > fullest.len() {
+            fullest = from..to;
+        }
+    }
     let mut moments = Moments::default();
-    fullest.into_iter().flatten().for_each(|k| moments.add(points[k]));
+    sorted[fullest].iter().for_each(|(_, p)| moments.add(*p));
     moments
 }
 
