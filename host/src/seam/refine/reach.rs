@@ -45,6 +45,8 @@ pub(super) struct Reach {
     /// Where the face would begin, were it not rounded beside the root. If that is nearer than `from_mm`, the part next to the
     /// seam is not taken without question: all of it has to be one flat face, and what is left out must not be of it.
     pub(super) begins_mm: f32,
+    /// Whether a face that ends within its inner part is the side of a plate, whose top begins there, square to it.
+    pub(super) is_side: bool,
 }
 
 /// How far a face extends from the seam before it bends away or ends, mm.
@@ -68,14 +70,14 @@ pub(super) fn reach(points: &[Beside], scale: &Reach) -> f32 {
     let mut counts: Vec<f32> = heights[whole_strips.clone()].iter().map(|h| h.len() as f32).collect();
     let usual = median(&mut counts);
     let last = whole_strips.clone().rfind(|k| heights[*k].len() as f32 >= MISSING * usual);
-    let ends_mm = last.map_or(0.0, |last| (last + 1) as f32 * strip);
-    let (inner_mm, inner) = if last.is_some_and(|last| last + 1 < whole_strips.end) {
+    // A face that bends leaves its tangent plane there and does not end.
+    let ended = last.filter(|last| scale.is_side && last + 1 < whole_strips.end).and_then(|last| {
+        let ends_mm = (last + 1) as f32 * strip;
         let inner_mm = (ends_mm - BEFORE_LIP * strip).max(LEAST_REACH * ends_mm);
-        (inner_mm, within(inner_mm))
-    } else {
-        (scale.inner_mm, whole)
-    };
-    let Some(face) = Parabola::fitted(&inner) else { return inner_mm };
+        Some((inner_mm, Parabola::fitted(&within(inner_mm))?)).filter(|(_, face)| face.is_flat())
+    });
+    let whole = || Some((scale.inner_mm, Parabola::fitted(&whole)?));
+    let Some((inner_mm, face)) = ended.or_else(whole) else { return scale.inner_mm };
     let last_inner = (inner_mm / strip) as usize;
     let gate = (OFF_DEVIATIONS * face.sigma).max(OFF_MM);
     let off = |k: usize, heights: &mut [f32]| {
@@ -85,9 +87,10 @@ pub(super) fn reach(points: &[Beside], scale: &Reach) -> f32 {
     };
     let is_doubted = scale.begins_mm < scale.from_mm;
     let nearest = (scale.begins_mm / strip) as usize + 1;
-    let is_flat = face.terms[2] == 0.0;
     if is_doubted
-        && !(is_flat && heights[nearest].len() >= LEAST_LEFT_OUT && off(nearest, &mut heights[nearest]))
+        && !(face.is_flat()
+            && heights[nearest].len() >= LEAST_LEFT_OUT
+            && off(nearest, &mut heights[nearest]))
     {
         return 0.0;
     }
@@ -171,6 +174,10 @@ impl Parabola {
             limit = OUTLIER_DEVIATIONS * sigma;
         }
         Some((Self { terms: x, sigma }, (inverse[(2, 2)] * SHARED_ERROR).sqrt() * sigma))
+    }
+
+    fn is_flat(&self) -> bool {
+        self.terms[2] == 0.0
     }
 
     fn height(&self, u: f64) -> f64 {

@@ -89,7 +89,8 @@ struct Gates {
 impl Gates {
     fn new(path: &Path, voxel_mm: f32, config: &RefineConfig, round: usize) -> Self {
         let mut cosines: Vec<f32> = path.frames.iter().map(|f| f.faces[0].dot(&f.faces[1])).collect();
-        let acute = 180.0 - median(&mut cosines).clamp(-1.0, 1.0).acos().to_degrees() < ACUTE_DEG;
+        let opening_deg = 180.0 - median(&mut cosines).clamp(-1.0, 1.0).acos().to_degrees();
+        let acute = opening_deg < ACUTE_DEG;
         let shrunk = (GATE_VOXELS - GATE_SHRINKS_VOXELS * round as f32).max(LEAST_GATE_VOXELS);
         let height_mm = voxel_mm * shrunk;
         let from_mm = voxel_mm * if acute { config.acute_root } else { config.root };
@@ -98,6 +99,7 @@ impl Gates {
             begins_mm: from_mm,
             inner_mm: INNER_VOXELS * voxel_mm,
             most_mm: config.reach * voxel_mm,
+            is_side: (ACUTE_DEG..180.0 - ACUTE_DEG).contains(&opening_deg),
         };
         let wide_mm = height_mm.max(WIDE_GATE * voxel_mm);
         Self { height_mm, wide_mm, reach, acute, voxel_mm, near: round > 0, by_camera: true }

@@ -72,6 +72,8 @@ const LEAST_SINE: f32 = 0.3;
 /// Shares of each face, and of both together, in front of the other at an inside corner.
 const LEAST_IN_FRONT: f32 = 0.35;
 const BOTH_IN_FRONT: f32 = 1.2;
+/// Largest share of a layer's points next to it, where there are two of them.
+const MOST_BETWEEN: f32 = 0.25;
 /// Where a face begins, its points are off the other by more than this many tolerances.
 const CLEAR: f32 = 1.1;
 
@@ -270,8 +272,10 @@ fn round(
         let mut plane = moments[k].plane();
         if faces.is_none() && plane.variance_mm2 > tolerance * tolerance {
             let own = points.iter().filter(|p| p.normal.dot(&normals[k]) > ASSIGNED);
-            moments[k] = fullest_layer(own.map(|p| p.offset), &normals[k], tolerance);
-            plane = moments[k].plane();
+            if let Some(layer) = fullest_layer(own.map(|p| p.offset), &normals[k], tolerance) {
+                moments[k] = layer;
+                plane = layer.plane();
+            }
         }
         let normal = if plane.normal.dot(&normals[k]) < 0.0 { -plane.normal } else { plane.normal };
         (moments[k].count >= LEAST_ON_FACE).then(|| Face {
@@ -285,12 +289,12 @@ fn round(
 }
 
 /// The points of one face where those that face along a normal lie in two layers, as on a plate and on what it lies on: where most
-/// are within the tolerance of one height.
+/// are within the tolerance of one height, and few next to it. A face that bends has points at every height.
 fn fullest_layer(
     points: impl Iterator<Item = Vector3<f32>>,
     normal: &Vector3<f32>,
     tolerance: f32,
-) -> Moments {
+) -> Option<Moments> {
     let mut sorted: Vec<(f32, Vector3<f32>)> = points.map(|p| (normal.dot(&p), p)).collect();
     sorted.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
     let (mut to, mut fullest) = (0, 0..0);
@@ -300,9 +304,13 @@ fn fullest_layer(
             fullest = from..to;
         }
     }
+    let layer = &sorted[fullest.clone()];
+    let (low, high) = (layer.first()?.0 - 2.0 * tolerance, layer.last()?.0 + 2.0 * tolerance);
+    let above = sorted[fullest.end..].iter().take_while(|p| p.0 < high).count();
+    let below = sorted[..fullest.start].iter().rev().take_while(|p| p.0 > low).count();
     let mut moments = Moments::default();
-    sorted[fullest].iter().for_each(|(_, p)| moments.add(*p));
-    moments
+    layer.iter().for_each(|(_, p)| moments.add(*p));
+    (above.max(below) as f32 <= MOST_BETWEEN * layer.len() as f32).then_some(moments)
 }
 
 /// Share of a face that lies in front of the other: 1 at an inside corner, 0 at an outside one, a half where the face
