@@ -31,6 +31,9 @@ pub struct CornerConfig {
     /// Whether a third face is tried where the first two make no corner. One view does not see both sides of a rib: what
     /// looks a third way there is noise where one thing hides another.
     pub third_face: bool,
+    /// Whether points that face one way may be of two layers. Where no camera tells what hides what, a model's hidden faces lie
+    /// in layers, too.
+    pub layers: bool,
 }
 
 impl Default for CornerConfig {
@@ -43,6 +46,7 @@ impl Default for CornerConfig {
             least_share: 0.45,
             move_voxels: 3.3,
             third_face: true,
+            layers: false,
         }
     }
 }
@@ -147,7 +151,7 @@ fn between(
     let tolerance = config.tolerance_voxels * voxel_mm;
     let mut faces: Option<[Face; 2]> = None;
     for _ in 0..ROUNDS {
-        let fitted = round(points, &normals, faces.as_ref(), tolerance)?;
+        let fitted = round(points, &normals, faces.as_ref(), tolerance, config.layers)?;
         normals = [fitted[0].normal, fitted[1].normal];
         faces = Some(fitted);
     }
@@ -249,6 +253,7 @@ fn round(
     normals: &[Vector3<f32>; 2],
     faces: Option<&[Face; 2]>,
     tolerance: f32,
+    layers: bool,
 ) -> Option<[Face; 2]> {
     let mut moments = [Moments::default(); 2];
     for p in points {
@@ -270,7 +275,7 @@ fn round(
     }
     let mut face = |k: usize| {
         let mut plane = moments[k].plane();
-        if faces.is_none() && plane.variance_mm2 > tolerance * tolerance {
+        if layers && faces.is_none() && plane.variance_mm2 > tolerance * tolerance {
             let own = points.iter().filter(|p| p.normal.dot(&normals[k]) > ASSIGNED);
             if let Some(layer) = fullest_layer(own.map(|p| p.offset), &normals[k], tolerance) {
                 moments[k] = layer;
