@@ -187,7 +187,9 @@ impl FaceSections {
         round: usize,
     ) -> Self {
         let several = !scan.merged.cameras_unknown && scan.merged.cameras_mm.len() > 1;
-        let gates = Gates { by_camera: several, ..Gates::new(path, voxel_mm, config, round) };
+        let mut gates = Gates { by_camera: several, ..Gates::new(path, voxel_mm, config, round) };
+        // What hides what is not known there: a face may end anywhere.
+        gates.reach.is_side &= !scan.merged.cameras_unknown;
         // Nothing farther along and off a face is used.
         let all = beside(scan.merged, near, path.line(), gates.reach.most_mm.hypot(WIDE_GATE * voxel_mm));
         let (first, second) = rayon::join(|| gates.of_face(&all, 0), || gates.of_face(&all, 1));
