@@ -11,6 +11,7 @@ use crate::seam::input::SurfaceModel;
 use crate::seam::score::edges::Scores;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
+use std::ops::Range;
 use wide::f32x8;
 
 /// When a fit is a corner. The defaults were chosen on the simulated scans.
@@ -76,7 +77,7 @@ const LEAST_SINE: f32 = 0.3;
 /// Shares of each face, and of both together, in front of the other at an inside corner.
 const LEAST_IN_FRONT: f32 = 0.35;
 const BOTH_IN_FRONT: f32 = 1.2;
-/// Largest share of a layer's points next to it, where there are two of them.
+/// Largest share of the points that are of neither of two layers.
 const MOST_BETWEEN: f32 = 0.25;
 /// Where a face begins, its points are off the other by more than this many tolerances.
 const CLEAR: f32 = 1.1;
@@ -277,7 +278,7 @@ fn round(
         let mut plane = moments[k].plane();
         if layers && faces.is_none() && plane.variance_mm2 > tolerance * tolerance {
             let own = points.iter().filter(|p| p.normal.dot(&normals[k]) > ASSIGNED);
-            if let Some(layer) = fullest_layer(own.map(|p| p.offset), &normals[k], tolerance) {
+            if let Some(layer) = fuller_layer(own.map(|p| p.offset), &normals[k], tolerance) {
                 moments[k] = layer;
                 plane = layer.plane();
             }
@@ -293,15 +294,29 @@ fn round(
     (faces[0].normal.cross(&faces[1].normal).norm() > LEAST_SINE).then_some(faces)
 }
 
-/// The points of one face where those that face along a normal lie in two layers, as on a plate and on what it lies on: where most
-/// are within the tolerance of one height, and few next to it. A face that bends has points at every height.
-fn fullest_layer(
+/// The points of one face where those that face along a normal lie in two layers, as on a plate and on what it lies on: those of the
+/// fuller one. A face that bends has points at every height.
+fn fuller_layer(
     points: impl Iterator<Item = Vector3<f32>>,
     normal: &Vector3<f32>,
     tolerance: f32,
 ) -> Option<Moments> {
     let mut sorted: Vec<(f32, Vector3<f32>)> = points.map(|p| (normal.dot(&p), p)).collect();
     sorted.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+    let layer = fullest(&sorted, tolerance);
+    let (low, high) =
+        (sorted.get(layer.start)?.0 - 2.0 * tolerance, sorted[layer.end - 1].0 + 2.0 * tolerance);
+    let below = &sorted[..sorted.partition_point(|p| p.0 < low)];
+    let above = &sorted[sorted.partition_point(|p| p.0 <= high)..];
+    let other = fullest(below, tolerance).len().max(fullest(above, tolerance).len());
+    let neither = (sorted.len() - layer.len() - other) as f32;
+    let mut moments = Moments::default();
+    sorted[layer].iter().for_each(|(_, p)| moments.add(*p));
+    (other as f32 >= LEAST_ON_FACE && neither <= MOST_BETWEEN * sorted.len() as f32).then_some(moments)
+}
+
+/// Where most of some points are within the tolerance of one height, by which they are sorted.
+fn fullest(sorted: &[(f32, Vector3<f32>)], tolerance: f32) -> Range<usize> {
     let (mut to, mut fullest) = (0, 0..0);
     for (from, (height, _)) in sorted.iter().enumerate() {
         to += sorted[to..].iter().take_while(|p| p.0 < height + 2.0 * tolerance).count();
@@ -309,13 +324,7 @@ fn fullest_layer(
             fullest = from..to;
         }
     }
-    let layer = &sorted[fullest.clone()];
-    let (low, high) = (layer.first()?.0 - 2.0 * tolerance, layer.last()?.0 + 2.0 * tolerance);
-    let above = sorted[fullest.end..].iter().take_while(|p| p.0 < high).count();
-    let below = sorted[..fullest.start].iter().rev().take_while(|p| p.0 > low).count();
-    let mut moments = Moments::default();
-    layer.iter().for_each(|(_, p)| moments.add(*p));
-    (above.max(below) as f32 <= MOST_BETWEEN * layer.len() as f32).then_some(moments)
+    fullest
 }
 
 /// Share of a face that lies in front of the other: 1 at an inside corner, 0 at an outside one, a half where the face
