@@ -4,13 +4,13 @@ use std::path::Path;
 
 use nalgebra::Point3;
 use weldpath::input::{self, Scan};
-use weldpath::lab::evaluation::{Options, PathSet, Score, score};
+use weldpath::lab::evaluation::{Options, PathSet, Score, Truth, score};
 use weldpath::lab::simulation::{Format, MeshRequest, Noise, SensorErrors, Simulated, write};
 use weldpath::output::verdict::Verdict;
 use weldpath::pipeline::Plan;
 use weldpath::run::job::Job;
 use weldpath::run::planning;
-use weldpath::run::postprocessing::postprocess;
+use weldpath::run::postprocessing::{Output, postprocess};
 
 /// Corners of a triangle, mm.
 pub type Triangle = [Point3<f64>; 3];
@@ -54,24 +54,38 @@ pub fn read(simulated: &Simulated) -> Scan {
 pub struct Outcome {
     /// The plan, selected or not.
     pub plan: Plan,
-    /// What is said of it.
-    pub verdict: Verdict,
+    /// All files, and what they say.
+    pub output: Output,
     /// Of `path.csv` against the truth; none where nothing is welded.
     pub score: Option<Score>,
 }
 
-/// Plans a scan as the text of a job says.
+impl Outcome {
+    /// Of a scan whose truth is known.
+    ///
+    /// # Panics
+    /// If it has no plan at all.
+    pub fn of(scan: &Scan, truth: &Truth, job: &Job) -> Self {
+        let plan =
+            planning::plan(scan, job, &mut ()).unwrap_or_else(|error| panic!("{}: {error}", truth.name));
+        let output = postprocess(&plan, job, planning::source(scan, job)).expect("files");
+        let csv = output.files.iter().find(|file| file.name == "path.csv").expect("path.csv");
+        let paths = PathSet::parse(&csv.bytes, Path::new("path.csv")).ok();
+        let score = paths.map(|paths| score(&paths, truth, &Options::default()));
+        Self { plan, output, score }
+    }
+
+    /// What is said of it.
+    pub fn verdict(&self) -> &Verdict {
+        self.output.summary.verdict()
+    }
+}
+
+/// Plans a simulated scan as the text of a job says.
 ///
 /// # Panics
-/// If it has no plan at all.
+/// If it cannot be read or has no plan at all.
 pub fn planned(simulated: &Simulated, job: &str) -> Outcome {
-    let scan = read(simulated);
     let job = Job::parse(job, Path::new("job.toml")).expect("a job");
-    let name = &simulated.truth.name;
-    let plan = planning::plan(&scan, &job, &mut ()).unwrap_or_else(|error| panic!("{name}: {error}"));
-    let output = postprocess(&plan, &job, planning::source(&scan, &job)).expect("files");
-    let csv = output.files.iter().find(|file| file.name == "path.csv").expect("path.csv");
-    let paths = PathSet::parse(&csv.bytes, Path::new("path.csv")).ok();
-    let score = paths.map(|paths| score(&paths, &simulated.truth, &Options::default()));
-    Outcome { plan, verdict: output.summary.verdict().clone(), score }
+    Outcome::of(&read(simulated), &simulated.truth, &job)
 }

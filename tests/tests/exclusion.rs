@@ -6,15 +6,15 @@ use std::sync::LazyLock;
 
 use nalgebra::{Point3, Vector3};
 use weldpath::input::{CloudFrame, Scan};
-use weldpath::lab::evaluation::{Options, PathSet, Score, Truth, score};
+use weldpath::lab::evaluation::{Score, Truth};
 use weldpath::lab::simulation::{ListedWeld, MeshRequest, Simulated, simulate_mesh};
 use weldpath::output::verdict::ReasonId;
 use weldpath::pipeline::{Plan, PlanError};
 use weldpath::run::job::Job;
 use weldpath::run::planning;
-use weldpath::run::postprocessing::{Output, postprocess};
+use weldpath::run::postprocessing::Output;
 use weldpath::seam::Seam;
-use weldpath_tests::scans::{Triangle, block, of_mesh, read};
+use weldpath_tests::scans::{Outcome, Triangle, block, of_mesh, read};
 
 /// Plate and web; the seams run along x at `WEB_MM` on either side.
 const WEB_MM: f64 = 4.0;
@@ -66,13 +66,8 @@ struct Run {
 
 impl Run {
     fn of(scan: Scan, exclude: &str) -> Self {
-        let job = job(exclude);
-        let plan = planning::plan(&scan, &job, &mut ()).expect("a plan");
-        let output = postprocess(&plan, &job, planning::source(&scan, &job)).expect("files");
-        let csv = output.files.iter().find(|file| file.name == "path.csv").expect("path.csv");
-        let paths = PathSet::parse(&csv.bytes, Path::new("path.csv")).expect("path.csv is read back");
-        let score = score(&paths, &CLAMPED.1, &Options::default());
-        Self { plan, output, score }
+        let Outcome { plan, output, score } = Outcome::of(&scan, &CLAMPED.1, &job(exclude));
+        Self { plan, output, score: score.expect("path.csv is read back") }
     }
 
     /// The work's seams are where they are without an exclusion, the jaws' are gone, and the torch still hits the jaw.

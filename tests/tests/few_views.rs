@@ -39,7 +39,7 @@ fn what_the_camera_may_err_is_stated_though_no_other_view_tells_it() {
             assert!(seam.tip_error_mm() > 0.8, "{part}");
             assert!(error_mm < 2.0 * seam.tip_error_mm(), "{part}");
         }
-        let verdict = &outcome.verdict;
+        let verdict = outcome.verdict();
         let asked = verdict.reasons.iter().any(|reason| reason.id == ReasonId::BaseErrorOverLimit);
         assert!(verdict.state == State::Check && asked, "{part}: {verdict:?}");
     }
@@ -47,7 +47,7 @@ fn what_the_camera_may_err_is_stated_though_no_other_view_tells_it() {
 
 /// Nothing is welded, and each seam is named as one that may be where the work rests.
 fn assert_rests(outcome: &Outcome, what: &str) {
-    let Outcome { plan, verdict, .. } = outcome;
+    let (plan, verdict) = (&outcome.plan, outcome.verdict());
     assert!(!plan.seams.is_empty() && error_mm(outcome).is_none(), "{what}");
     assert!(plan.seams.iter().all(|seam| seam.contact == Some(Contact::Table) && seam.confidence <= 0.5));
     assert!(verdict.reasons.iter().any(|reason| reason.id == ReasonId::MayBeContact), "{what}: {verdict:?}");
@@ -100,7 +100,7 @@ fn both_sides_of_a_thin_web_belong_to_one_scan() {
         let outcome = of([plate.clone(), web].concat(), views, None, SEED);
         let what = format!("{views} views of a web of {thickness} mm");
         assert!(outcome.plan.views.iter().all(|view| view.left_out.is_none()), "{what}");
-        assert!(outcome.verdict.state != State::Refused, "{what}: {:?}", outcome.verdict);
+        assert!(outcome.verdict().state != State::Refused, "{what}: {:?}", outcome.verdict());
         let stated_mm = outcome.plan.seams.iter().map(|seam| seam.tip_error_mm()).fold(0.0, f64::max);
         let score = outcome.score.expect("it is welded");
         println!("{what}: {:?} mm off, {stated_mm:.2} stated, {:.2} covered", score.rmse_mm, score.coverage);

@@ -1,32 +1,18 @@
 //! Leaning and bevelled plates and round furniture as the simulator makes them: what is found, against the truth. On a seed that
 //! nothing was chosen on; the table is printed with `-- --nocapture`. What does not hold yet stands in README.
 
-use std::path::Path;
-
-use weldpath::input;
-use weldpath::lab::evaluation::{Options, PathSet, Score, Truth, score};
-use weldpath::lab::simulation::{Part, Request, simulate, write};
-use weldpath::output::verdict::ReasonId;
-use weldpath::pipeline::{self, Plan};
-use weldpath::run::job::Job;
-use weldpath::run::postprocessing::postprocess;
+use weldpath::lab::evaluation::Score;
+use weldpath::lab::simulation::{Part, Request, simulate};
+use weldpath::pipeline::Plan;
 use weldpath::seam::{Joint, Seam};
+use weldpath_tests::scans;
 
 const SEED: u64 = 41;
 
 fn planned(request: &Request) -> (Plan, Score) {
-    let scratch = tempfile::tempdir().expect("a folder");
-    write(&simulate(request).expect("a scan"), scratch.path()).expect("a folder");
-    let truth = Truth::read(&scratch.path().join("truth.json")).expect("a truth");
-    let scan = input::read(scratch.path(), &input::Options::default()).unwrap_or_else(|e| panic!("{e}"));
-    let plan = pipeline::plan(&scan.views, &Job::default().pipeline(), &mut ())
-        .unwrap_or_else(|e| panic!("{}: {e}", request.part));
     // Where seams are is measured, whether or not the verdict would weld them.
-    let job = Job { accept: vec![ReasonId::SeamUncertain], ..Job::default() };
-    let output = postprocess(&plan, &job, Default::default()).expect("nothing is selected");
-    let csv = output.files.iter().find(|file| file.name == "path.csv").expect("path.csv");
-    let paths = PathSet::parse(&csv.bytes, Path::new("path.csv")).expect("path.csv is read back");
-    let score = score(&paths, &truth, &Options::default());
+    let outcome = scans::planned(&simulate(request).expect("a scan"), "accept = [\"seam-uncertain\"]\n");
+    let (plan, score) = (outcome.plan, outcome.score.expect("path.csv is read back"));
     println!(
         "{} {:?} {:?}: {} seams, {:?} mm, {:?} degrees, {:.3} covered, {:.3} false",
         request.part,

@@ -154,17 +154,17 @@ pub fn leaves_picture(
         let p = camera_from_cloud * p;
         (p.z > 0.0).then(|| [p.x / p.z, p.y / p.z])
     };
-    let rays = || points.iter().filter_map(|p| Some((ray(p)?, is_on(p))));
-    let all = || rays().map(|(ray, _)| ray);
-    let low = all().reduce(|a, b| [a[0].min(b[0]), a[1].min(b[1])]);
-    let high = all().reduce(|a, b| [a[0].max(b[0]), a[1].max(b[1])]);
-    let Some((low, high)) = low.zip(high) else { return false };
+    let rays: Vec<([f32; 2], bool)> = points.iter().filter_map(|p| Some((ray(p)?, is_on(p)))).collect();
+    let Some(&(first, _)) = rays.first() else { return false };
+    let (low, high) = rays.iter().fold((first, first), |(low, high), (ray, _)| {
+        ([0, 1].map(|k| low[k].min(ray[k])), [0, 1].map(|k| high[k].max(ray[k])))
+    });
     let sides = [high[0] - low[0], high[1] - low[1]];
     let cell = (sides[0] * sides[1] * POINTS_TO_CELL / points.len() as f32).sqrt();
     let cell = cell.max(sides[0].max(sides[1]) / MOST_CELLS);
     let [wide, high] = sides.map(|side| (side / cell) as usize + 1);
     let mut cells = vec![(0u32, 0u32); wide * high];
-    for (ray, on) in rays() {
+    for (ray, on) in rays {
         let [x, y] = [0, 1].map(|k| ((ray[k] - low[k]) / cell) as usize);
         let (seen, of_plane) = &mut cells[y * wide + x];
         *seen += 1;

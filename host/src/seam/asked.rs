@@ -84,9 +84,7 @@ impl Wish<'_> {
             return Answer::Nothing(format!("no surface was scanned within {REACH_MM} mm of that line"));
         }
         let scores = edges::score(&self.input.model);
-        let CornerConfig { third_face, .. } = self.config.corner;
-        let third_face = third_face && self.input.scan.merged.cameras_mm.len() > 1;
-        let corners = CornerConfig { third_face, ..self.config.corner };
+        let corners = self.config.corner.for_scan(&self.input.scan);
         let eased = CornerConfig { angle_deg: EASED_DEG, least_share: EASED_SHARE, ..corners };
         let mut candidates = scores.candidates();
         candidates.retain(|&k| self.is_near(k));

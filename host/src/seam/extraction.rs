@@ -57,8 +57,7 @@ pub fn find(input: &Input, config: &SeamConfig) -> Found {
     let v = input.model.voxel_mm();
     let scores = edges::score(&input.model);
     let table = support::find(input.scene);
-    let third_face = config.corner.third_face && input.scan.merged.cameras_mm.len() > 1;
-    let corner_config = CornerConfig { third_face, layers: input.scan.cameras_known, ..config.corner };
+    let corner_config = config.corner.for_scan(&input.scan);
     let corners = Corners::parted(corner::corners(&input.model, &scores, &corner_config), |c| {
         table.is_some_and(|t| c.faces.iter().any(|face| t.is_face(face, &c.position)))
     });

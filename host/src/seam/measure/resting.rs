@@ -4,8 +4,9 @@
 //! web, as nothing thin stands by itself; what lies on it may be a plate of the joint or the work.
 
 use crate::seam::input::Input;
+use crate::seam::refine::frame::Frame;
 use crate::seam::trace::support::Support;
-use crate::seam::{Contact, Seam, Station};
+use crate::seam::{Contact, Seam};
 use nalgebra::{Point3, Vector3};
 
 /// Points of what lies on the table are sought within this of a plane across the seam, voxels: a row of them is there.
@@ -17,7 +18,11 @@ const FACING: f32 = 0.9;
 
 /// Marks the seams most of which run along what may be a table.
 pub fn mark_resting(seams: &mut [Seam], table: &Support, input: &Input) {
-    let rests = |seam: &&mut Seam| most(seam, |station| wall(station, table, input).is_some());
+    let most = |seam: &Seam, is_such: &dyn Fn(&Frame) -> bool| {
+        let frames = seam.stations.iter().map(|station| Frame::of(station, &input.scan.merged.origin_mm));
+        2 * frames.filter(is_such).count() > seam.stations.len()
+    };
+    let rests = |seam: &&mut Seam| most(seam, &|frame| wall(frame, table).is_some());
     let resting: Vec<&mut Seam> = seams.iter_mut().filter(rests).collect();
     if resting.is_empty() {
         return;
@@ -29,31 +34,20 @@ pub fn mark_resting(seams: &mut [Seam], table: &Support, input: &Input) {
     }
     let tops = tops(table, input);
     for seam in resting {
-        let lies = |station: &Station| {
-            let at = place(station, input);
-            wall(station, table, input).is_some_and(|wall| is_wide(&tops, table, &at, &wall, input))
+        let lies = |frame: &Frame| {
+            wall(frame, table)
+                .is_some_and(|wall| is_wide(&tops, table, &frame.position, &wall, input.scene.edge_mm))
         };
-        if surrounds || most(seam, lies) {
+        if surrounds || most(seam, &lies) {
             seam.mark_contact(Contact::Table);
         }
     }
 }
 
-/// Whether more than half of the stations are such.
-fn most(seam: &Seam, is_such: impl Fn(&Station) -> bool) -> bool {
-    2 * seam.stations.iter().filter(|station| is_such(station)).count() > seam.stations.len()
-}
-
-/// A station in the frame of the clouds.
-fn place(station: &Station, input: &Input) -> Point3<f32> {
-    Point3::from((station.position_mm - input.scan.merged.origin_mm).cast())
-}
-
 /// Normal of the face that meets the table at a station, if one of its two faces is the table.
-fn wall(station: &Station, table: &Support, input: &Input) -> Option<Vector3<f32>> {
-    let at = place(station, input);
-    let [a, b] = station.faces.map(|face| face.cast());
-    [(a, b), (b, a)].into_iter().find(|(face, _)| table.is_face(face, &at)).map(|(_, wall)| wall)
+fn wall(frame: &Frame, table: &Support) -> Option<Vector3<f32>> {
+    let [a, b] = frame.faces;
+    [(a, b), (b, a)].into_iter().find(|(face, _)| table.is_face(face, &frame.position)).map(|(_, wall)| wall)
 }
 
 /// What faces up over the table.
@@ -72,11 +66,10 @@ fn is_wide(
     table: &Support,
     at: &Point3<f32>,
     wall: &Vector3<f32>,
-    input: &Input,
+    voxel_mm: f32,
 ) -> bool {
     let Some(along) = wall.cross(&table.normal).try_normalize(f32::EPSILON) else { return false };
     let inward = along.cross(&table.normal);
-    let voxel_mm = input.scene.edge_mm;
     tops.iter().any(|p| {
         let from = p - at;
         let beyond_mm = inward.dot(&from) - table.height_mm(p);

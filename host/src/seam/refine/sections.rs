@@ -8,6 +8,7 @@ use super::rounding::{Extent, Rounding};
 use super::station::{MeasuredStation, Meeting};
 use super::windows::Windows;
 use super::{ACUTE_DEG, NARROW, RefineConfig};
+use crate::geometry::cloud::Merged;
 use crate::geometry::statistics::{median, robust_deviation};
 use crate::seam::input::RawScan;
 use rayon::prelude::*;
@@ -87,7 +88,8 @@ struct Gates {
 }
 
 impl Gates {
-    fn new(path: &Path, voxel_mm: f32, config: &RefineConfig, round: usize) -> Self {
+    fn new(scan: &Merged, path: &Path, voxel_mm: f32, config: &RefineConfig, round: usize) -> Self {
+        let cameras_known = !scan.cameras_unknown;
         let mut cosines: Vec<f32> = path.frames.iter().map(|f| f.faces[0].dot(&f.faces[1])).collect();
         let opening_deg = 180.0 - median(&mut cosines).clamp(-1.0, 1.0).acos().to_degrees();
         let acute = opening_deg < ACUTE_DEG;
@@ -99,10 +101,12 @@ impl Gates {
             begins_mm: from_mm,
             inner_mm: INNER_VOXELS * voxel_mm,
             most_mm: config.reach * voxel_mm,
-            is_side: (ACUTE_DEG..180.0 - ACUTE_DEG).contains(&opening_deg),
+            // Where it is not known what hides what, a face may end anywhere.
+            is_side: cameras_known && (ACUTE_DEG..180.0 - ACUTE_DEG).contains(&opening_deg),
         };
         let wide_mm = height_mm.max(WIDE_GATE * voxel_mm);
-        Self { height_mm, wide_mm, reach, acute, voxel_mm, near: round > 0, by_camera: true }
+        let by_camera = cameras_known && scan.cameras_mm.len() > 1;
+        Self { height_mm, wide_mm, reach, acute, voxel_mm, near: round > 0, by_camera }
     }
 
     /// The points of a face, sorted along the seam, how far it reaches, and what lifts it beside the root.
@@ -186,10 +190,7 @@ impl FaceSections {
         config: &RefineConfig,
         round: usize,
     ) -> Self {
-        let several = !scan.merged.cameras_unknown && scan.merged.cameras_mm.len() > 1;
-        let mut gates = Gates { by_camera: several, ..Gates::new(path, voxel_mm, config, round) };
-        // What hides what is not known there: a face may end anywhere.
-        gates.reach.is_side &= !scan.merged.cameras_unknown;
+        let gates = Gates::new(scan.merged, path, voxel_mm, config, round);
         // Nothing farther along and off a face is used.
         let all = beside(scan.merged, near, path.line(), gates.reach.most_mm.hypot(WIDE_GATE * voxel_mm));
         let (first, second) = rayon::join(|| gates.of_face(&all, 0), || gates.of_face(&all, 1));

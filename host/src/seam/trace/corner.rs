@@ -7,7 +7,7 @@ use super::InsideCorner;
 use crate::geometry::grid::Grid;
 use crate::geometry::grid::lanes::LANES;
 use crate::geometry::plane::Moments;
-use crate::seam::input::SurfaceModel;
+use crate::seam::input::{RawScan, SurfaceModel};
 use crate::seam::score::edges::Scores;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -47,8 +47,16 @@ impl Default for CornerConfig {
             least_share: 0.45,
             move_voxels: 3.3,
             third_face: true,
-            layers: false,
+            layers: true,
         }
+    }
+}
+
+impl CornerConfig {
+    /// The same for a scan: what its cameras do not tell is not looked for.
+    pub fn for_scan(&self, scan: &RawScan) -> Self {
+        let third_face = self.third_face && scan.merged.cameras_mm.len() > 1;
+        Self { third_face, layers: self.layers && scan.cameras_known, ..*self }
     }
 }
 
