@@ -104,7 +104,7 @@ impl Contact {
             }
             Self::Table => {
                 "it may be where the work rests on the table: one of its faces reaches farther all round than what stands on it, or \
-                 out of the picture under what lies on it, and one view shows nothing below"
+                 out of the picture under what lies on it, and nothing near is seen below"
             }
         }
     }

@@ -1,5 +1,6 @@
 //! Scans of one to three views, as the simulator makes them: what so few do not show is stated, or asked.
 
+use nalgebra::Point3;
 use weldpath::lab::simulation::{MeshRequest, Noise, Part, Request, SensorErrors, simulate, simulate_mesh};
 use weldpath::output::verdict::{ReasonId, State};
 use weldpath::seam::Contact;
@@ -76,6 +77,36 @@ fn the_foot_of_a_plate_larger_than_the_picture_is_named_and_not_welded() {
         welded += usize::from(score.is_some());
     }
     assert!(welded > 0, "the web is welded");
+}
+
+/// A table that ends in the picture, with the floor seen beyond it, is no plate of the work.
+#[test]
+fn the_foot_of_a_plate_on_a_table_over_a_floor_is_named_and_a_web_on_it_welded() {
+    const TABLE_MM: f64 = 500.0;
+    let table = block([0.0, 0.0, TABLE_MM - 15.0], [440.0, 340.0, TABLE_MM]);
+    let plate = block([120.0, 90.0, TABLE_MM], [320.0, 250.0, TABLE_MM + 8.0]);
+    let web = block([140.0, 164.0, TABLE_MM + 8.0], [300.0, 176.0, TABLE_MM + 60.0]);
+    // The floor is where the lowest point is, and cameras look at the middle of all heights.
+    let speck = |z: f64| [[0.0, 0.0, z], [1.0, 0.0, z], [0.0, 1.0, z]].map(Point3::from);
+    let scene = [table, plate, web, vec![speck(0.0), speck(2.0 * TABLE_MM)]].concat();
+    let (mut welded, mut named) = (0, 0);
+    for (views, seed) in [(1, SEED), (1, SEED + 1), (3, SEED), (3, SEED + 1)] {
+        let request = MeshRequest {
+            noise: Noise::Low,
+            distance_mm: Some(450.0),
+            ..of_mesh("floor", scene.clone(), views, seed)
+        };
+        let simulated = simulate_mesh(&request).expect("a scan");
+        let outcome = planned(&simulated, JOB);
+        for seam in &outcome.plan.seams {
+            let height_mm = seam.stations[0].position_mm.z - simulated.truth.ztable - TABLE_MM;
+            let is_foot = height_mm < 4.0;
+            println!("{views} views, seed {seed}: {:.0} mm at {height_mm:.2} mm", seam.length_mm());
+            assert_eq!(seam.contact, is_foot.then_some(Contact::Table), "{views} views, seed {seed}");
+            *if is_foot { &mut named } else { &mut welded } += 1;
+        }
+    }
+    assert!(named >= 2 && welded >= 4, "{named} named, {welded} welded");
 }
 
 /// The side of the upper plate is as wide as the surroundings in which its face is sought: what is over its edge is not of it.

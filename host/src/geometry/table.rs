@@ -95,6 +95,23 @@ pub fn axes(up: &Vector3<f32>) -> [Vector3<f32>; 2] {
 /// Share of what stands over a table that may be stray, as far out as the picture reaches: 0.1 to 0.3 % in single simulated views.
 const MOST_FLYING: f32 = 0.005;
 
+/// How far points reach one way, but for the outermost [`MOST_FLYING`], mm; none without points.
+pub fn reach_mm(points: &[Point3<f32>], way: &Vector3<f32>) -> Option<f32> {
+    outermost(points.iter().map(|p| way.dot(&p.coords)).collect(), MOST_FLYING)
+}
+
+/// How wide points lie along a plane that faces `up`, the way they are narrowest, mm; none without points.
+pub fn width_mm(points: &[Point3<f32>], up: &Vector3<f32>) -> Option<f32> {
+    let across = ways(up).into_iter().take(WAYS / 2);
+    across.filter_map(|way| Some(reach_mm(points, &way)? + reach_mm(points, &-way)?)).reduce(f32::min)
+}
+
+/// The greatest of some lengths, but for a share of them.
+fn outermost(mut along_mm: Vec<f32>, share: f32) -> Option<f32> {
+    let beyond = (share * along_mm.len() as f32) as usize;
+    (beyond < along_mm.len()).then(|| *along_mm.select_nth_unstable_by(beyond, |a, b| b.total_cmp(a)).1)
+}
+
 /// By how much the plane at `level_mm` along `up` reaches farther than what stands on it, but for its outermost `share`, in ways
 /// all round, mm.
 fn ahead_mm(
@@ -110,14 +127,10 @@ fn ahead_mm(
     };
     let plane = of(&|height| height.abs() < half_mm);
     let standing = of(&|height| height > STANDS * half_mm);
-    let outermost = (share * standing.len() as f32) as usize;
     ways(up).map(|way| {
         let reach = plane.iter().map(|p| way.dot(p)).fold(f32::MIN, f32::max);
-        let mut along: Vec<f32> = standing.iter().map(|p| way.dot(p)).collect();
-        if along.is_empty() {
-            return f32::INFINITY;
-        }
-        reach - *along.select_nth_unstable_by(outermost, |a, b| b.total_cmp(a)).1
+        let standing = outermost(standing.iter().map(|p| way.dot(p)).collect(), share);
+        standing.map_or(f32::INFINITY, |standing| reach - standing)
     })
 }
 

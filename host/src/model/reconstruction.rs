@@ -31,7 +31,7 @@ pub struct ReconstructionConfig {
     pub prior_mm: f64,
     /// One standard deviation of a reported camera orientation about each axis, rad.
     pub prior_rad: f64,
-    /// Largest distance of a pair that counts as aligned in the fitness, mm.
+    /// Largest distance of a pair that counts as aligned in the fitness, mm; more where patches are farther apart than that.
     pub fitness_mm: f32,
     /// Patches of each view that are matched per iteration.
     pub sample: usize,

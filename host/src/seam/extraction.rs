@@ -86,6 +86,9 @@ pub fn find(input: &Input, config: &SeamConfig) -> Found {
     if let Some(table) = table.filter(|_| input.scan.is_one_view()) {
         resting::mark_resting(&mut seams, &table, input);
     }
+    if input.scan.cameras_known {
+        resting::mark_lying(&mut seams, table.as_ref(), input);
+    }
     Found {
         seams,
         reason: unsure.first().map_or_else(|| corners.reason().into(), left_out),

@@ -31,6 +31,9 @@ const MOST_PARTNERS: usize = 8;
 /// is known far better than the noise of its own points, and the time grows with the views alone no more.
 const MANY_VIEWS: usize = 50;
 const FEWEST_PARTNERS: usize = 3;
+/// Patches lie on a raster of cells: in the middle of four, the nearest is .71 of a cell away. This many cells count as aligned if
+/// they are more than [`ReconstructionConfig::fitness_mm`].
+const NEAR_CELLS: f32 = 0.75;
 /// A view's patches nearer than this to another view's, in aligned distances, overlap it.
 const OVERLAP: f32 = 4.0;
 
@@ -39,6 +42,8 @@ pub(super) struct RegistrationProblem {
     ties: Vec<Tie>,
     /// Of each view, of every [`FITNESS_STEP`]th sampled patch.
     nearby: Vec<Vec<Nearby>>,
+    /// Patches this near to each other are aligned, mm.
+    near_mm: f32,
     reported: Vec<Isometry3<f64>>,
     poses: Vec<Isometry3<f64>>,
     centre_mm: Point3<f64>,
@@ -136,7 +141,9 @@ impl RegistrationProblem {
             vec![first; source.sample.len().div_ceil(FITNESS_STEP)]
         });
         let nearby = nearby.collect();
-        Self { sources, ties, nearby, poses: reported.clone(), reported, centre_mm }
+        let cell_mm = patches.iter().map(|patches| patches.cell_mm).fold(0.0, f32::max);
+        let near_mm = config.fitness_mm.max(NEAR_CELLS * cell_mm);
+        Self { sources, ties, nearby, near_mm, poses: reported.clone(), reported, centre_mm }
     }
 
     /// The poses that minimise the distances along the normals, eq. (2), gate by gate.
@@ -144,7 +151,7 @@ impl RegistrationProblem {
         let views = self.sources.len();
         let mut seen = FitnessLog { fitness: vec![vec![]; views], overlap: vec![0.0; views] };
         let mut reached = Step::default();
-        self.look(&mut seen, config);
+        self.look(&mut seen);
         if views < 2 {
             return self.finish(seen, &reached);
         }
@@ -156,7 +163,7 @@ impl RegistrationProblem {
             let thin = if last { 1 } else { COARSE_STEP };
             for _ in 0..config.iterations {
                 reached = self.iterate(gate_mm, thin, config);
-                self.look(&mut seen, config);
+                self.look(&mut seen);
                 let fine_mm = if last { 0.002 } else { 0.05 };
                 if reached.largest_mm < fine_mm {
                     break;
@@ -262,8 +269,8 @@ impl RegistrationProblem {
     }
 
     /// Appends each view's fitness at the poses as they are, and sets its overlap.
-    fn look(&mut self, seen: &mut FitnessLog, config: &ReconstructionConfig) {
-        let near = NearnessSearch { sources: &self.sources, poses: &self.poses, near_mm: config.fitness_mm };
+    fn look(&mut self, seen: &mut FitnessLog) {
+        let near = NearnessSearch { sources: &self.sources, poses: &self.poses, near_mm: self.near_mm };
         let of_views = self.nearby.par_iter_mut().enumerate().map(|(i, nearby)| near.shares(i, nearby));
         for (i, [fitness, overlap]) in of_views.collect::<Vec<_>>().into_iter().enumerate() {
             seen.fitness[i].push(fitness);

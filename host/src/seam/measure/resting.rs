@@ -1,11 +1,11 @@
-//! Where the work may rest on a table and not be welded to it (ours): one view shows nothing below.
+//! Where the work may rest on a table and not be welded to it (ours): nothing that is seen below tells.
 //!
-//! A table reaches farther than what stands on it, or the picture ends before it does. What is upright on a face that the picture cuts off is a
-//! web, as nothing thin stands by itself; what lies on it may be a plate of the joint or the work.
+//! A table reaches farther than what stands on it, or the picture ends before it does. What is upright on a face that may be one is a web,
+//! as nothing thin stands by itself; what lies on it may be a plate of the joint or the work.
 
 use crate::seam::input::Input;
 use crate::seam::refine::frame::Frame;
-use crate::seam::trace::support::Support;
+use crate::seam::trace::support::{self, Support};
 use crate::seam::{Contact, Seam};
 use nalgebra::{Point3, Vector3};
 
@@ -16,32 +16,61 @@ const TOP_VOXELS: f32 = 3.0;
 /// Cosine within which a point faces as the table does.
 const FACING: f32 = 0.9;
 
-/// Marks the seams most of which run along what may be a table.
+/// Marks the seams most of which run along what may be a table: the support of a cloud that one view shows.
 pub fn mark_resting(seams: &mut [Seam], table: &Support, input: &Input) {
-    let most = |seam: &Seam, is_such: &dyn Fn(&Frame) -> bool| {
-        let frames = seam.stations.iter().map(|station| Frame::of(station, &input.scan.merged.origin_mm));
-        2 * frames.filter(is_such).count() > seam.stations.len()
-    };
-    let rests = |seam: &&mut Seam| most(seam, &|frame| wall(frame, table).is_some());
-    let resting: Vec<&mut Seam> = seams.iter_mut().filter(rests).collect();
+    let mut resting = resting(seams, table, input);
     if resting.is_empty() {
         return;
     }
-    let surrounds = table.surrounds(input.scene);
-    let camera = input.scan.camera();
-    if !surrounds && camera.is_none_or(|pose| !table.leaves_picture(input.scene, &pose)) {
+    if table.surrounds(input.scene) {
+        resting.iter_mut().for_each(|seam| seam.mark_contact(Contact::Table));
+    } else if input.scan.camera().is_some_and(|pose| table.leaves_picture(input.scene, &pose)) {
+        let tops = tops(table, input);
+        let lying = resting.into_iter().filter(|seam| lies(seam, table, &tops, input));
+        lying.for_each(|seam| seam.mark_contact(Contact::Table));
+    }
+}
+
+/// Marks the seams most of which run along what lies on a plane that may be a table as well as a plate of the work, where the support
+/// of the cloud is not `known`, or is the floor.
+pub fn mark_lying(seams: &mut [Seam], known: Option<&Support>, input: &Input) {
+    if !seams.iter().any(|seam| seems_to_lie(seam, input)) {
         return;
     }
-    let tops = tops(table, input);
-    for seam in resting {
-        let lies = |frame: &Frame| {
-            wall(frame, table)
-                .is_some_and(|wall| is_wide(&tops, table, &frame.position, &wall, input.scene.edge_mm))
-        };
-        if surrounds || most(seam, &lies) {
-            seam.mark_contact(Contact::Table);
-        }
-    }
+    let Some(table) = support::possible(input.scene, known) else { return };
+    let tops = tops(&table, input);
+    let lying = resting(seams, &table, input).into_iter().filter(|seam| lies(seam, &table, &tops, input));
+    lying.for_each(|seam| seam.mark_contact(Contact::Table));
+}
+
+/// Whether something lies on one of the faces in the middle of a seam.
+fn seems_to_lie(seam: &Seam, input: &Input) -> bool {
+    let Some(station) = seam.stations.get(seam.stations.len() / 2) else { return false };
+    let Frame { position, faces: [a, b], .. } = Frame::of(station, &input.scan.merged.origin_mm);
+    [(a, b), (b, a)].into_iter().any(|(face, wall)| {
+        let plane = Support::of_face(face, &position, input.scene.edge_mm);
+        is_wide(&tops(&plane, input), &plane, &position, &wall, input.scene.edge_mm)
+    })
+}
+
+/// The seams most of which run along a plane.
+fn resting<'a>(seams: &'a mut [Seam], table: &Support, input: &Input) -> Vec<&'a mut Seam> {
+    let rests = |seam: &&mut Seam| most(seam, input, |frame| wall(frame, table).is_some());
+    seams.iter_mut().filter(rests).collect()
+}
+
+/// Whether more than half of a seam's stations are such.
+fn most(seam: &Seam, input: &Input, is_such: impl Fn(&Frame) -> bool) -> bool {
+    let frames = seam.stations.iter().map(|station| Frame::of(station, &input.scan.merged.origin_mm));
+    2 * frames.filter(|frame| is_such(frame)).count() > seam.stations.len()
+}
+
+/// Whether most of a seam runs along what lies on a table, and does not stand upright.
+fn lies(seam: &Seam, table: &Support, tops: &[Point3<f32>], input: &Input) -> bool {
+    most(seam, input, |frame| {
+        wall(frame, table)
+            .is_some_and(|wall| is_wide(tops, table, &frame.position, &wall, input.scene.edge_mm))
+    })
 }
 
 /// Normal of the face that meets the table at a station, if one of its two faces is the table.

@@ -314,13 +314,13 @@ fn fuller_layer(
     let layer = fullest(&sorted, tolerance);
     let (low, high) =
         (sorted.get(layer.start)?.0 - 2.0 * tolerance, sorted[layer.end - 1].0 + 2.0 * tolerance);
-    let below = &sorted[..sorted.partition_point(|p| p.0 < low)];
-    let above = &sorted[sorted.partition_point(|p| p.0 <= high)..];
-    let other = fullest(below, tolerance).len().max(fullest(above, tolerance).len());
-    let neither = (sorted.len() - layer.len() - other) as f32;
+    let below = sorted.partition_point(|p| p.0 < low);
+    let above = sorted.partition_point(|p| p.0 <= high);
+    let other = fullest(&sorted[..below], tolerance).len().max(fullest(&sorted[above..], tolerance).len());
+    let beside = (layer.start - below).max(above - layer.end) as f32;
     let mut moments = Moments::default();
-    sorted[layer].iter().for_each(|(_, p)| moments.add(*p));
-    (other as f32 >= LEAST_ON_FACE && neither <= MOST_BETWEEN * sorted.len() as f32).then_some(moments)
+    sorted[layer.clone()].iter().for_each(|(_, p)| moments.add(*p));
+    (other as f32 >= LEAST_ON_FACE && beside <= MOST_BETWEEN * layer.len() as f32).then_some(moments)
 }
 
 /// Where most of some points are within the tolerance of one height, by which they are sorted.

@@ -51,7 +51,7 @@ const HALF_DEVIATIONS: f32 = 3.0;
 /// Cosine within which a normal is of the same plane where their mean is its direction: 8 degrees, three standard deviations
 /// of the normals of thin noisy voxels.
 const ALIGNED: f32 = 0.99;
-/// Heights among which the lowest layer is sought, at most.
+/// Heights among which the lowest layer is sought, and points among which planes are, at most.
 const SAMPLE: usize = 5000;
 /// Two layers are told apart where the heights between them are spread this many times as thinly as in the lower one.
 const VALLEY: f32 = 3.0;
@@ -112,6 +112,19 @@ impl Support {
         table::leaves_picture(&voxels.cloud.points_mm, cloud_from_camera, is_on)
     }
 
+    /// The plane of a face with this normal at this place, a voxel thick to either side.
+    pub fn of_face(normal: Vector3<f32>, place: &Point3<f32>, voxel_mm: f32) -> Self {
+        let clear_mm = SAME_HALVES * voxel_mm;
+        Self {
+            normal,
+            offset_mm: normal.dot(&place.coords),
+            own_mm: voxel_mm,
+            half_mm: voxel_mm,
+            clear_mm,
+            share: 0.0,
+        }
+    }
+
     /// Whether a face with this normal at this place is the support itself.
     pub fn is_face(&self, normal: &Vector3<f32>, place: &Point3<f32>) -> bool {
         normal.dot(&self.normal) > SAME_FACE && self.height_mm(place).abs() < self.clear_mm
@@ -133,8 +146,61 @@ pub fn find(voxels: &Voxels) -> Option<Support> {
         !found.iter().any(holds)
     };
     let table = found.iter().filter(is_layer).max_by(|a, b| a.share.total_cmp(&b.share))?;
-    let clear_mm = table.sheet_mm(voxels).map_or(table.clear_mm, |height| HALFWAY * height);
-    Some(Support { clear_mm, ..*table })
+    Some(table.clear_of_sheet(voxels))
+}
+
+/// The largest plane that may be a table as well as a plate of the work: it surrounds what stands on it, and nothing faces as it does
+/// under it, but for a floor. That is farther below than what is over it is wide; what holds work in the air is lower. None where the
+/// support of the cloud is `known` and no floor.
+pub fn possible(voxels: &Voxels, known: Option<&Support>) -> Option<Support> {
+    let found: Vec<Support> = if let Some(known) = known {
+        let over = over_floor(voxels, known)?;
+        lowest(&over, &known.normal).filter(|plane| is_bare(&over.cloud, plane)).into_iter().collect()
+    } else {
+        let sample = sample(voxels);
+        let over = |direction: &Vector3<f32>| {
+            let over = over_floor(&sample, &lowest_layer(&sample, direction)?);
+            let scene = over.as_ref().unwrap_or(&sample);
+            lowest(scene, direction).filter(|plane| is_bare(&scene.cloud, plane))
+        };
+        common_normals(&sample.cloud.normals).par_iter().filter_map(over).collect()
+    };
+    let around = found.into_iter().filter(|plane| plane.surrounds(voxels));
+    let largest = around.max_by(|a, b| a.share.total_cmp(&b.share))?;
+    Some(largest.clear_of_sheet(voxels))
+}
+
+/// Some points of a cloud, evenly: they tell where large planes are.
+fn sample(voxels: &Voxels) -> Voxels {
+    let (cloud, every) = (&voxels.cloud, voxels.cloud.len() / SAMPLE + 1);
+    let points_mm = cloud.points_mm.iter().step_by(every).copied().collect();
+    let normals = cloud.normals.iter().step_by(every).copied().collect();
+    let cloud = PointCloud { origin_mm: cloud.origin_mm, points_mm, normals };
+    Voxels { cloud, edge_mm: voxels.edge_mm, ..Voxels::default() }
+}
+
+/// What stands over a plane that is a floor.
+fn over_floor(voxels: &Voxels, floor: &Support) -> Option<Voxels> {
+    let both = voxels.cloud.points_mm.iter().zip(&voxels.cloud.normals);
+    let over = both.filter(|(p, _)| floor.height_mm(p) > table::STANDS * floor.half_mm);
+    let (points_mm, normals): (Vec<_>, _) = over.map(|(p, n)| (*p, *n)).unzip();
+    let clear_mm = -table::reach_mm(&points_mm, &-floor.normal)? - floor.offset_mm;
+    let is_floor = clear_mm > table::width_mm(&points_mm, &floor.normal)?;
+    let cloud = PointCloud { origin_mm: voxels.cloud.origin_mm, points_mm, normals };
+    is_floor.then_some(Voxels { cloud, edge_mm: voxels.edge_mm, ..Voxels::default() })
+}
+
+/// Whether (almost) nothing faces as a plane does, or away from it, no farther below than it is wide.
+fn is_bare(cloud: &PointCloud, plane: &Support) -> bool {
+    let on = cloud.points_mm.iter().filter(|p| plane.height_mm(p).abs() < plane.half_mm);
+    let on: Vec<Point3<f32>> = on.copied().collect();
+    let Some(width_mm) = table::width_mm(&on, &plane.normal) else { return false };
+    let under = -width_mm..-BEHIND_HALVES * plane.half_mm;
+    let both = cloud.points_mm.iter().zip(&cloud.normals);
+    let is_under = |(p, n): &(&Point3<f32>, &Vector3<f32>)| {
+        n.dot(&plane.normal).abs() > FACING && under.contains(&plane.height_mm(p))
+    };
+    both.filter(is_under).count() as f32 <= MOST_BEHIND * cloud.len() as f32
 }
 
 /// Mean normals of the most common directions.
@@ -150,9 +216,23 @@ fn common_normals(normals: &[Vector3<f32>]) -> Vec<Vector3<f32>> {
     bins.iter().take(DIRECTIONS).filter_map(|(_, sum)| sum.try_normalize(LEAST_LENGTH)).collect()
 }
 
-/// The lowest large plane about normal to `direction`.
+/// The lowest large plane about normal to `direction`, if it has (almost) nothing behind it.
 fn along(voxels: &Voxels, direction: &Vector3<f32>) -> Option<Support> {
-    let total = voxels.cloud.len() as f32;
+    let support = lowest(voxels, direction)?;
+    let is_behind = |p: &&Point3<f32>| support.height_mm(p) < -BEHIND_HALVES * support.half_mm;
+    let behind = voxels.cloud.points_mm.iter().filter(is_behind).count();
+    (behind as f32 <= MOST_BEHIND * voxels.cloud.len() as f32).then_some(support)
+}
+
+/// The lowest large plane about normal to `direction`. A curved or rough surface is none.
+fn lowest(voxels: &Voxels, direction: &Vector3<f32>) -> Option<Support> {
+    let support = lowest_layer(voxels, direction)?;
+    let flat = support.half_mm <= FLAT_VOXELS * voxels.edge_mm && !is_curved(voxels, &support);
+    (flat && support.share > LEAST_SHARE).then_some(support)
+}
+
+/// The plane fitted to the lowest layer of points that face about along `direction`.
+fn lowest_layer(voxels: &Voxels, direction: &Vector3<f32>) -> Option<Support> {
     let mut normal = *direction;
     for _ in 0..ROUNDS {
         let aligned = voxels.cloud.normals.iter().filter(|n| n.dot(&normal) > ALIGNED);
@@ -164,12 +244,7 @@ fn along(voxels: &Voxels, direction: &Vector3<f32>) -> Option<Support> {
         normal = support.normal;
         found = Some(support);
     }
-    let support = found?;
-    let is_behind = |p: &&Point3<f32>| support.height_mm(p) < -BEHIND_HALVES * support.half_mm;
-    let behind = voxels.cloud.points_mm.iter().filter(is_behind).count();
-    // A curved or rough surface is no table.
-    let flat = support.half_mm <= FLAT_VOXELS * voxels.edge_mm && !is_curved(voxels, &support);
-    (flat && support.share > LEAST_SHARE && behind as f32 <= MOST_BEHIND * total).then_some(support)
+    found
 }
 
 /// The plane fitted to the lowest full layer of the points that face along `normal`.
@@ -261,6 +336,12 @@ impl Heights<'_> {
 }
 
 impl Support {
+    /// Clear of a sheet that lies on it, too.
+    fn clear_of_sheet(self, voxels: &Voxels) -> Self {
+        let clear_mm = self.sheet_mm(voxels).map_or(self.clear_mm, |height| HALFWAY * height);
+        Self { clear_mm, ..self }
+    }
+
     /// Height of a sheet that lies on it no higher than it would pass for it, if there is one: heights lie closest there beyond a
     /// valley, and it hides what of the table is under it. What two views see twice lies over itself.
     fn sheet_mm(&self, voxels: &Voxels) -> Option<f32> {
@@ -394,6 +475,28 @@ mod tests {
                 let turned = points.iter().map(|p| turn * p + Vector3::new(150.0, -80.0, 60.0)).collect();
                 let found = table_facing(turned, turn * Vector3::z());
                 assert!((found.own_mm / upright.own_mm - 1.0).abs() < 0.02, "{height_mm} mm: {found:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_table_has_nothing_under_it_but_a_floor_that_is_farther_below_than_it_is_wide() {
+        const SIDE: i32 = 80;
+        let is_plate = |x: i32, y: i32| (20..50).contains(&x) && (25..60).contains(&y);
+        let wide_mm = EDGE_MM * SIDE as f32;
+        for (below, height_mm) in
+            [(1.5 * wide_mm, Some(0.0)), (5.0 * wide_mm, Some(0.0)), (0.3 * wide_mm, None)]
+        {
+            let below_mm = level(2 * SIDE, -below, |x, y| x.min(y) > SIDE);
+            let bare = level(SIDE, 0.0, |x, y| !is_plate(x, y));
+            let points_mm = [below_mm, bare, level(SIDE, 8.0, is_plate)].concat();
+            let normals = vec![Vector3::z(); points_mm.len()];
+            let cloud = PointCloud { origin_mm: Point3::origin(), points_mm, normals };
+            let voxels = Voxels { cloud, edge_mm: EDGE_MM, ..Voxels::default() };
+            for known in [None, find(&voxels)] {
+                let found_mm = possible(&voxels, known.as_ref()).map(|table| table.offset_mm);
+                let is_near = found_mm.zip(height_mm).is_none_or(|(a, b): (f32, f32)| (a - b).abs() < 0.1);
+                assert!(found_mm.is_some() == height_mm.is_some() && is_near, "{below} mm: {found_mm:?}");
             }
         }
     }
