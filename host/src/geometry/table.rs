@@ -95,7 +95,7 @@ pub fn axes(up: &Vector3<f32>) -> [Vector3<f32>; 2] {
 /// Share of what stands over a table that may be stray, as far out as the picture reaches: 0.1 to 0.3 % in single simulated views.
 const MOST_FLYING: f32 = 0.005;
 
-/// How far points reach one way, but for the outermost [`MOST_FLYING`], mm; none without points.
+/// How far points reach one way, but for the outermost half percent, mm; none without points.
 pub fn reach_mm(points: &[Point3<f32>], way: &Vector3<f32>) -> Option<f32> {
     outermost(points.iter().map(|p| way.dot(&p.coords)).collect(), MOST_FLYING)
 }
