@@ -85,7 +85,7 @@ const LEAST_SINE: f32 = 0.3;
 /// Shares of each face, and of both together, in front of the other at an inside corner.
 const LEAST_IN_FRONT: f32 = 0.35;
 const BOTH_IN_FRONT: f32 = 1.2;
-/// Largest share of the points that are of neither of two layers.
+/// Largest share of the points of a layer that may lie next to it, where there is another.
 const MOST_BETWEEN: f32 = 0.25;
 /// Where a face begins, its points are off the other by more than this many tolerances.
 const CLEAR: f32 = 1.1;

@@ -487,9 +487,9 @@ mod tests {
         for (below, height_mm) in
             [(1.5 * wide_mm, Some(0.0)), (5.0 * wide_mm, Some(0.0)), (0.3 * wide_mm, None)]
         {
-            let below_mm = level(2 * SIDE, -below, |x, y| x.min(y) > SIDE);
+            let floor = level(2 * SIDE, -below, |x, y| x.min(y) > SIDE);
             let bare = level(SIDE, 0.0, |x, y| !is_plate(x, y));
-            let points_mm = [below_mm, bare, level(SIDE, 8.0, is_plate)].concat();
+            let points_mm = [floor, bare, level(SIDE, 8.0, is_plate)].concat();
             let normals = vec![Vector3::z(); points_mm.len()];
             let cloud = PointCloud { origin_mm: Point3::origin(), points_mm, normals };
             let voxels = Voxels { cloud, edge_mm: EDGE_MM, ..Voxels::default() };
