@@ -1,4 +1,4 @@
-//! A whole job in the browser: a Y of webs with a clamp beside it and a flat bar.
+//! A whole job in the browser: a Y of webs with a clamp beside it and a flat bar whose feet the search passes over.
 //!
 //! Everything that a welding engineer does with it is clicked; what `weldpath plan` makes of the job that is left is the same to
 //! the byte. Truth is the piece's own geometry, and what the simulator says where it put it.
@@ -160,8 +160,8 @@ fn a_whole_job_is_clicked_and_the_command_makes_the_same_files_of_it() {
     let turned = feet[2];
     let before = ends(&bench.page.home.path().join("out"), turned.0);
     let short_mm = turn_and_shorten(&mut bench, turned.0);
-    look_for_the_bar(&mut bench);
     box_the_clamp_away(&mut bench);
+    ask_for_the_bar(&mut bench);
 
     let id = bench.again(turned.1);
     for (_, ends) in dropped {
@@ -193,8 +193,8 @@ fn turn_and_shorten(bench: &mut Bench, seam: u64) -> f64 {
     short_mm
 }
 
-/// One foot of the bar, 4 mm high, is found from end to end where it is.
-fn look_for_the_bar(bench: &mut Bench) {
+/// One foot of the bar is asked for by a click beside either of its ends, and is where it is.
+fn ask_for_the_bar(bench: &mut Bench) {
     let bar = edges(&bench.truth, BAR_MM[0])[0].clone();
     let (a, b) = (Point3::from(bar.p[0]), Point3::from(bar.p[bar.p.len() - 1]));
     let away = |p: Point3<f64>| {
@@ -202,11 +202,23 @@ fn look_for_the_bar(bench: &mut Bench) {
         (p - a - along * (p - a).dot(&along)).norm()
     };
     let found = bench.seams();
-    let is_foot = |ends: &[Point3<f64>; 2]| {
-        ends.iter().all(|end| away(*end) < 1.0) && (ends[0] - ends[1]).norm() > BAR_MM[0] - 8.0
-    };
-    let foot = found.iter().find(|(_, ends, _)| is_foot(ends)).expect("the foot of the bar");
-    assert!(bench.page.order().contains(&foot.0));
+    assert!(
+        found.iter().all(|(_, ends, _)| ends.iter().any(|end| away(*end) > 8.0)),
+        "the search passes it over"
+    );
+    let beside = Vector3::new(bar.n[0][0], bar.n[0][1], 0.0).normalize() * 5.0;
+    bench.page.browser.press("a", false);
+    bench.click_from_above(&[a + beside, b + beside]);
+    bench.page.browser.press("Enter", false);
+    bench.undo_says("add a seam");
+    bench.page.plan();
+    let (id, ends, reason) = bench.seams().pop().unwrap();
+    assert!(reason.contains("asked for"), "{reason}");
+    assert!(
+        ends.iter().all(|end| away(*end) < 1.0) && (ends[0] - ends[1]).norm() > BAR_MM[0] - 8.0,
+        "{ends:?}"
+    );
+    assert!(bench.page.order().contains(&id));
 }
 
 /// The clamp is boxed by a click beside it at two corners and one on top, the box lifted off the plate, and excluded.
@@ -268,10 +280,17 @@ fn reload(bench: &mut Bench) {
     bench.page.settle("!globalThis.isOld && document.querySelector('#command pre')?.textContent");
     assert_eq!(bench.page.text("#command pre"), command);
     assert_eq!(bench.seams(), seams);
+    assert!(seams.last().unwrap().2.contains("asked for"), "{seams:?}");
     let job = bench.job();
-    for said in
-        ["model = \"ur10e\"", "shape = \"sine\"", "abb", "boxes_mm", "weld = false", "extend_end_mm = -1"]
-    {
+    for said in [
+        "model = \"ur10e\"",
+        "shape = \"sine\"",
+        "abb",
+        "[[ask]]",
+        "boxes_mm",
+        "weld = false",
+        "extend_end_mm = -1",
+    ] {
         assert!(job.contains(said), "{said} is not in\n{job}");
     }
 }
