@@ -4,7 +4,7 @@
     python3 docs/mediapipe_hands.py | weldpath scan --hands - --port PORT --out scan
 
 needs the packages mediapipe and opencv-python; Escape in the picture's window ends it. The conversion below is tested on
-made landmarks (tests/tests/hands_live.rs); the capture at the end has not been run: no camera was at hand.
+made landmarks (tests/tests/live/hands_live.rs); the capture at the end has not been run: no camera was at hand.
 
 The frame is the one of docs/pendant.md: millimetres, x right, y up, z toward the user. The webcam stands before the user and
 looks at them, the picture is not mirrored. A hand half a metre before it in the picture's middle is in the middle of the default box.

@@ -3,6 +3,7 @@
 #
 #   firmware/build.sh build --release            the emulated board; last line of stdout = folder of the programs
 #   firmware/build.sh toolchain            says which, builds nothing
+#   firmware/build.sh missing              Debian packages that are missing here to build and lint it, one a line
 #   firmware/build.sh clippy --no-default-features --features stm32f407
 #
 # The order, first that fits; what was chosen is said on stderr:
@@ -14,6 +15,7 @@ target=thumbv7em-none-eabihf
 cd "$(dirname "$0")"
 # Called from a test, cargo's variables name the host's build.
 unset RUSTC RUSTDOC CARGO RUSTFLAGS CARGO_ENCODED_RUSTFLAGS RUSTUP_TOOLCHAIN CARGO_TARGET_DIR CARGO_BUILD_TARGET
+unset CARGO_PROFILE_RELEASE_DEBUG_ASSERTIONS CARGO_PROFILE_RELEASE_OVERFLOW_CHECKS
 
 have_target() { [ -n "$(find "$(rustc --print target-libdir --target $target 2>/dev/null)" -name 'libcore-*.rlib' 2>/dev/null)" ]; }
 have_source() { [ -f "$("$1" --print sysroot 2>/dev/null)/lib/rustlib/src/rust/library/core/src/lib.rs" ]; }
@@ -23,6 +25,15 @@ linker() {
         if [ -x "$lld" ]; then echo "$lld"; return; fi
     done
     command -v rust-lld || command -v ld.lld
+}
+
+# What way 4 lacks, each by itself; and its clippy, which no other toolchain's replaces.
+missing() {
+    [ -x /usr/bin/rustc ] || echo rustc-web
+    [ -x /usr/bin/cargo ] || echo cargo-web
+    have_source /usr/bin/rustc || echo rust-web-src
+    linker >/dev/null || echo lld
+    [ -x /usr/bin/cargo-clippy ] || echo rust-web-clippy
 }
 
 cargo=cargo
@@ -43,11 +54,18 @@ elif [ -x /usr/bin/cargo ] && have_source /usr/bin/rustc && ld=$(linker); then
     # Its clippy, too, and not rustup's.
     export PATH="/usr/bin:$PATH"
     export RUSTC=/usr/bin/rustc RUSTDOC=/usr/bin/rustdoc CARGO_TARGET_THUMBV7EM_NONE_EABIHF_LINKER="$ld"
+elif [ "$1" = missing ]; then
+    missing
+    exit
 else
     echo "firmware/build.sh: no toolchain here builds for $target. One of these makes one:" >&2
     echo "    rustup target add $target" >&2
-    echo "    apt-get install rustc-web cargo-web rust-web-src rust-web-clippy lld" >&2
+    echo "    apt-get install $(missing | xargs)" >&2
     exit 3
+fi
+if [ "$1" = missing ]; then
+    [ "$cargo" = cargo ] || missing
+    exit
 fi
 [ -z "$core" ] || export RUSTC_BOOTSTRAP=1
 version=$("${RUSTC:-rustc}" --version)

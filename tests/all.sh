@@ -1,5 +1,5 @@
 #!/bin/sh
-# Every check of weldpath, in the order in which they fail fastest. `.ci/run` calls this and nothing else.
+# Every check of weldpath. `.ci/run` calls this and nothing else.
 #
 #   tests/all.sh             everything
 #   tests/all.sh --no-apt    the same, and never calls apt-get
@@ -8,10 +8,15 @@
 # and a toolchain for the Cortex-M4F. As root on Debian it fetches what is missing by apt-get and prints what; otherwise it prints the command.
 set -eu
 cd "$(dirname "$0")/.."
+# The product as it is shipped, and one build of it: with overflow and assertions checked, which a plain build leaves out. It has a
+# folder of its own, so that neither build undoes the other.
+export CARGO_PROFILE_RELEASE_DEBUG_ASSERTIONS=true CARGO_PROFILE_RELEASE_OVERFLOW_CHECKS=true
+export CARGO_TARGET_DIR="$PWD/target/checked"
 # What is compiled once needs no store for the next time: it would double the room on the disk.
 export CARGO_INCREMENTAL="${CARGO_INCREMENTAL:-0}"
 # Names a part, and at the end says how long each took.
-begun=$(date +%s)
+first=$(date +%s)
+begun=$first
 parts=
 part=
 say() {
@@ -30,9 +35,22 @@ command -v chromium >/dev/null || need chromium
 command -v python3 >/dev/null || need python3
 command -v cc >/dev/null || need gcc libc6-dev
 command -v cargo >/dev/null || need rustc-web cargo-web
-command -v cargo-fmt >/dev/null || need rustfmt-web
-command -v cargo-clippy >/dev/null || need rust-web-clippy
-if ! firmware/build.sh toolchain >/dev/null 2>&1; then need rustc-web cargo-web rust-web-src rust-web-clippy lld; fi
+# rustup puts a stand-in on the path for a component that is not installed: only a tool that runs is there.
+for tool in fmt:rustfmt-web:rustfmt clippy:rust-web-clippy:clippy; do
+    cargo "${tool%%:*}" --version >/dev/null 2>&1 && continue
+    component=${tool##*:} package=${tool#*:} package=${package%:*}
+    if ! command -v rustup >/dev/null 2>&1; then
+        need "$package"
+    elif [ "${RUSTUP_AUTO_INSTALL:-1}" != 0 ]; then
+        rustup component add "$component"
+    else
+        echo "tests/all.sh needs a component of the toolchain; run: rustup component add $component" >&2
+        exit 1
+    fi
+done
+for package in $(firmware/build.sh missing 2>/dev/null); do
+    case " $missing " in *" $package "*) ;; *) need "$package" ;; esac
+done
 if [ -n "$missing" ]; then
     install="apt-get install --yes --no-install-recommends$missing"
     if [ "${1:-}" != --no-apt ] && [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; then
@@ -45,9 +63,32 @@ if [ -n "$missing" ]; then
     fi
 fi
 
+mkdir -p "$CARGO_TARGET_DIR"
+# Starts a part beside the others; `joined` waits for it, shows what it said, and fails if it did.
+beside() {
+    "$1" >"$CARGO_TARGET_DIR/$1.txt" 2>&1 &
+    eval "$1=$!"
+}
+joined() {
+    code=0
+    eval "wait \$$1" || code=$?
+    cat "$CARGO_TARGET_DIR/$1.txt"
+    return $code
+}
+
+firmware() {
+    firmware/build.sh build --release
+    firmware/build.sh clippy --release -- -D warnings
+    firmware/build.sh clippy --release --no-default-features --features stm32f407 -- -D warnings
+    firmware/build.sh build --release --no-default-features --features stm32f407
+}
+# What runs in real time mostly waits, but must not wait for what computes.
+live() { cargo test --workspace --release --test live; }
+
 say "format"
 cargo fmt --all --check
 (cd firmware && cargo fmt --check)
+beside firmware
 
 say "licences, versions and sources of the dependencies"
 if command -v cargo-deny >/dev/null; then
@@ -57,11 +98,8 @@ else
     echo "!! NOT CHECKED: cargo-deny is not installed (cargo install cargo-deny --locked)"
 fi
 
-say "lints, every reader"
+say "lints"
 cargo clippy --workspace --all-targets --quiet -- -D warnings
-
-say "lints, as a user builds it"
-cargo clippy -p weldpath --quiet -- -D warnings
 
 say "lints of the library alone: no command, no optional reader"
 cargo clippy -p weldpath --no-default-features --quiet -- -D warnings
@@ -77,17 +115,29 @@ else
     echo "!! NOT CHECKED: no rustc $declared here (rustup toolchain install $declared); the lints name what its library lacks"
 fi
 
-say "firmware: emulated board, STM32F407, lints"
-firmware/build.sh build --release
-firmware/build.sh clippy --release -- -D warnings
-firmware/build.sh clippy --release --no-default-features --features stm32f407 -- -D warnings
-firmware/build.sh build --release --no-default-features --features stm32f407
-
 say "mutants apply"
-MUTANTS_TARGET_DIR="$PWD/target" tests/mutants.sh --check
+MUTANTS_TARGET_DIR="$CARGO_TARGET_DIR" tests/mutants.sh --check
 
-say "tests: units, properties, every reader, fixtures, link, firmware in QEMU, report in Chromium"
-WELDPATH_REQUIRE_QEMU=1 WELDPATH_REQUIRE_CHROMIUM=1 cargo test --workspace
+say "build of all tests"
+cargo test --workspace --release --no-run
+
+say "firmware, begun beside the lints: emulated board, STM32F407, lints"
+joined firmware
+
+say "tests: units, properties, every reader, fixtures, link, report in Chromium; beside them, firmware in QEMU and pendants"
+export WELDPATH_REQUIRE_QEMU=1 WELDPATH_REQUIRE_CHROMIUM=1
+beside live
+computing=
+for folder in tests/tests/*/; do
+    name=$(basename "$folder")
+    [ "$name" = live ] || computing="$computing --test $name"
+done
+failed=
+# shellcheck disable=SC2086
+nice cargo test --workspace --release --no-fail-fast --lib --bins --test command $computing || failed=1
+nice cargo test --workspace --release --doc || failed=1
+joined live || failed=1
+[ -z "$failed" ] || exit 1
 
 say "all passed"
-printf '%s' "$parts"
+printf '%s%5d s  in all\n' "$parts" $((begun - first))

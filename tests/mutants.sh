@@ -19,11 +19,12 @@ failures=0
 # Only core and the tests of the link: the host has no part in it.
 fresh_copy() {
     rm -rf "$copy/work"
-    mkdir -p "$copy/work/tests/tests" "$copy/work/docs"
+    mkdir -p "$copy/work/tests/tests/link" "$copy/work/docs"
     cp -r "$root/core" "$root/Cargo.lock" "$copy/work/"
     cp "$root/docs/protocol.md" "$copy/work/docs/"
     cp -r "$root/tests/src" "$root/tests/golden" "$copy/work/tests/"
-    cp "$root"/tests/tests/link_*.rs "$copy/work/tests/tests/"
+    cp "$root"/tests/tests/link/link_*.rs "$copy/work/tests/tests/link/"
+    grep '^mod link_' "$root/tests/tests/link/main.rs" > "$copy/work/tests/tests/link/main.rs"
     sed -i -E '/^pub mod /{/ (adversary|arm|bench|world);/!d}' "$copy/work/tests/src/lib.rs"
     sed 's/members = .*/members = ["core", "tests"]/; /^weldpath = /d' "$root/Cargo.toml" > "$copy/work/Cargo.toml"
     sed -E '/^weldpath(-fuzz)?( =|\.)/d' "$root/tests/Cargo.toml" > "$copy/work/tests/Cargo.toml"
@@ -33,7 +34,7 @@ report() {
     printf '| %-28s | %-10s | %s |\n' "$1" "$2" "$3"
 }
 
-# mutant NAME TARGET FILTER FILE SED-SCRIPT: TARGET is a test file, or "core" for core's own tests.
+# mutant NAME TARGET FILTER FILE SED-SCRIPT: TARGET is the test `link`, or "core" for core's own tests.
 mutant() {
     local name=$1 target=$2 filter=$3 file=$4 script=$5 select
     if [ ${#wanted[@]} -gt 0 ] && [[ " ${wanted[*]} " != *" $name "* ]]; then return; fi
@@ -70,81 +71,81 @@ fi
 report mutant outcome "tests that turn red (first two)"
 report "----" "----" "----"
 
-mutant crc-removed link_damage bursts wire/frame.rs \
+mutant crc-removed link bursts wire/frame.rs \
     's/if checksum\(\&\[payload\]\) == u32::from_le_bytes\(\*crc\)/if crc.len() == CRC_BYTES/'
-mutant crc-weakened-to-16-bits link_damage ten_million wire/frame.rs \
+mutant crc-weakened-to-16-bits link ten_million wire/frame.rs \
     's/if checksum\(\&\[payload\]\) == u32::from_le_bytes\(\*crc\)/if checksum(\&[payload]) as u16 == u32::from_le_bytes(*crc) as u16/'
 mutant leading-delimiter-removed core delimiter wire/frame.rs \
     's/^const FIRST_CODE: usize = 1/const FIRST_CODE: usize = 0/'
-mutant trailing-bytes-accepted link_directed nonsense wire/frame.rs \
+mutant trailing-bytes-accepted link nonsense wire/frame.rs \
     's/Ok\(\(message, \[\]\)\) => Ok\(message\)/Ok((message, _)) => Ok(message)/'
-mutant session-check-removed link_directed session pendant.rs \
+mutant session-check-removed link session pendant.rs \
     's/is_none_or\(\|session\| session.id != frame.session\)/is_none()/'
-mutant second-host-accepted link_directed second_host pendant.rs \
+mutant second-host-accepted link second_host pendant.rs \
     's/let busy = !same \&\& \(alive \|\| !self.stands\(\)\)/let busy = !same \&\& alive \&\& !self.is_heard()/'
-mutant hello-counts-as-life link_directed storm pendant.rs \
+mutant hello-counts-as-life link storm pendant.rs \
     's/^( *)if let Some\(why\) = self.refuse_hello\(hello\) \{/\1self.life.echo = self.ticks;\n&/'
-mutant watchdog-removed link_timing in_time pendant.rs \
+mutant watchdog-removed link in_time pendant.rs \
     's/self.session.is_some\(\) \&\& self.ticks.wrapping_sub\(self.life.echo\) <= .*/self.session.is_some()/'
-mutant manual-limit-removed link_directed manual pendant.rs 's/if panel.manual \{/if panel.manual \&\& feed_free() {/; $a fn feed_free() -> bool { false }'
-mutant requests-executed-again link_directed executed_once pendant/command.rs \
+mutant manual-limit-removed link manual pendant.rs 's/if panel.manual \{/if panel.manual \&\& feed_free() {/; $a fn feed_free() -> bool { false }'
+mutant requests-executed-again link executed_once pendant/command.rs \
     's/if request == self.requests.last \{/if request == self.requests.last \&\& self.requests.reply.is_none() {/; s/if request != self.requests.last.wrapping_add\(1\) \{/if request < self.requests.last {/'
-mutant reply-not-kept link_directed lost_ten_times pendant/command.rs \
+mutant reply-not-kept link lost_ten_times pendant/command.rs \
     's/^( *)self.requests.reply = Some\(answer\);/\1self.requests.reply = None;/'
-mutant digest-check-removed link_directed digest pendant/command.rs 's/if computed != digest \{/if computed == 0 \&\& digest == 1 {/'
-mutant stale-resume-accepted link_directed stale pendant/command.rs 's/ \&\& changes != now \{/ \&\& changes == now.wrapping_add(1) {/'
-mutant path-id-reused link_directed path_id pendant/command.rs 's/as i16 <= 0\)/as i16 == i16::MIN)/'
-mutant dedupe-removed link_faults doubled pendant/ring.rs 's/if self.is_stored\(chunk.first\) \{/if self.is_stored(chunk.first) \&\& chunk.path == u16::MAX {/'
-mutant credit-check-removed link_directed credit pendant/ring.rs 's/is_some_and\(\|end\| end <= limit\)/is_some()/'
-mutant step-between-chunks-unseen link_directed between_two_chunks pendant/ring.rs \
+mutant digest-check-removed link digest pendant/command.rs 's/if computed != digest \{/if computed == 0 \&\& digest == 1 {/'
+mutant stale-resume-accepted link stale pendant/command.rs 's/ \&\& changes != now \{/ \&\& changes == now.wrapping_add(1) {/'
+mutant path-id-reused link path_id pendant/command.rs 's/as i16 <= 0\)/as i16 == i16::MIN)/'
+mutant dedupe-removed link doubled pendant/ring.rs 's/if self.is_stored\(chunk.first\) \{/if self.is_stored(chunk.first) \&\& chunk.path == u16::MAX {/'
+mutant credit-check-removed link credit pendant/ring.rs 's/is_some_and\(\|end\| end <= limit\)/is_some()/'
+mutant step-between-chunks-unseen link between_two_chunks pendant/ring.rs \
     's/^( *)first == self.next$/\1first == u32::MAX/; s/\|\| first.checked_sub\(u32::from\(self.begin.chunk\)\).*/\&\& first > 0/'
-mutant limits-of-waypoints-unseen link_directed invalid_waypoint pendant/ring.rs 's/if !waypoint.pose.is_unit\(\) \{/if waypoint.pose.is_unit() \&\& reach < 0 {/'
+mutant limits-of-waypoints-unseen link invalid_waypoint pendant/ring.rs 's/if !waypoint.pose.is_unit\(\) \{/if waypoint.pose.is_unit() \&\& reach < 0 {/'
 mutant planned-past-what-came core last_waypoint_received pendant/ring.rs 's/\(0.0, last.approach_um\)/(1.0e12, last.approach_um)/'
-mutant starvation-unseen link_directed underrun pendant/drive.rs 's/<= stop_um$/<= -1.0/'
-mutant braking-too-late link_faults clean pendant/drive.rs 's/\(root - change\).max\(0.0\)/root/'
-mutant arm-survives-hold link_model table interlock.rs '/fn regrip\(/,/^    }/s/self.armed = false;//'
-mutant arc-survives-hold link_timing in_time interlock.rs \
+mutant starvation-unseen link underrun pendant/drive.rs 's/<= stop_um$/<= -1.0/'
+mutant braking-too-late link clean pendant/drive.rs 's/\(root - change\).max\(0.0\)/root/'
+mutant arm-survives-hold link table interlock.rs '/fn regrip\(/,/^    }/s/self.armed = false;//'
+mutant arc-survives-hold link in_time interlock.rs \
     's/let power = self.state == State::Running \&\& self.armed/let power = self.state != State::Fault/; s/self.arc.cut\(\);//; s/self.arc.rest\(\&self.times\);//'
-mutant released-first-removed link_directed switch interlock.rs 's/\} else if self.released \&\& healthy \{/} else if healthy {/'
-mutant e-stop-not-latched link_model table interlock.rs 's/\} else if reset \&\& self.state/} else if self.state/'
-mutant e-stop-reset-by-host link_directed e_stop interlock.rs '/State::Fault if self.fault.is_some_and\(Fault::is_local\) => Err/d'
-mutant motion-before-the-arc link_model table interlock.rs 's/^( *)_ => Motion::Halt,/\1State::Running => Motion::Run,\n&/'
-mutant resume-without-standstill link_model table interlock.rs 's/^( *)\(State::Held, _\) => self.go\(inputs\),/\1(State::Held | State::Holding, _) => self.go(inputs),/'
-mutant no-resend link_faults dropped_frames sender/upload.rs 's/overtaken \|\| age_us >= .*/overtaken \&\& age_us == 0/'
+mutant released-first-removed link switch interlock.rs 's/\} else if self.released \&\& healthy \{/} else if healthy {/'
+mutant e-stop-not-latched link table interlock.rs 's/\} else if reset \&\& self.state/} else if self.state/'
+mutant e-stop-reset-by-host link e_stop interlock.rs '/State::Fault if self.fault.is_some_and\(Fault::is_local\) => Err/d'
+mutant motion-before-the-arc link table interlock.rs 's/^( *)_ => Motion::Halt,/\1State::Running => Motion::Run,\n&/'
+mutant resume-without-standstill link table interlock.rs 's/^( *)\(State::Held, _\) => self.go\(inputs\),/\1(State::Held | State::Holding, _) => self.go(inputs),/'
+mutant no-resend link dropped_frames sender/upload.rs 's/overtaken \|\| age_us >= .*/overtaken \&\& age_us == 0/'
 
 # Findings on commit c4d8c9f, part 6, by number: each rule taken out again.
-mutant f1-set-points-stay-here link_port every_set_point pendant/robot.rs 's/let torch = set_point.map\(\|at\| at.pose\).or\(self.jogged\(\)\)/let torch = set_point.map(|at| at.pose).filter(|_| false).or(self.jogged())/'
-mutant f2-start-anywhere link_rules elsewhere pendant/place.rs 's/if distance_um <= self.limits.near_um \&\&/if distance_um < u32::MAX \&\&/'
-mutant f2-pose-known-at-power-on link_rules after_power_on pendant.rs 's/^            known: false,/            known: true,/'
-mutant f2-pose-known-after-e-stop link_rules e_stop_makes pendant/place.rs 's/^( *)self.known = false;/\1self.known = true;/'
-mutant f2-switch-not-gripped-anew link_rules gripped_anew interlock.rs '/fn regrip\(/,/^    }/s/self.enabled = false;//'
-mutant f3-attach-to-a-live-host link_rules goes_on pendant.rs 's/if self.is_heard\(\) \|\| !self.stands\(\) \{/if self.is_heard() \&\& !self.stands() \&\& attach.path == u16::MAX {/'
-mutant f3-attach-to-another-path link_rules goes_on pendant.rs 's/self.path\(\) == Some\(attach.path\)/self.path().is_some()/'
-mutant f3-attach-keeps-the-grip link_rules goes_on interlock.rs '/fn attach\(/,/^    }/s/self.regrip\(\);//'
-mutant f4-hands-while-disabled link_rules hands_move pendant/jog.rs 's/State::Disabled => Err\(Refusal::NotEnabled\)/State::Disabled => Ok(())/'
-mutant f4-hands-in-automatic link_rules hands_move pendant/jog.rs 's/State::Idle if !self.panel.manual =>/State::Idle if self.panel.e_stop =>/'
-mutant f4-the-sensors-own-clock link_rules clock_bounds tasks.rs 's/let time_us = u64::from\(time_ms\) \* 1000;/let time_us = u64::from(hands.time_ms) * 1000;/'
-mutant f4-confidence-unread link_rules not_sure tasks.rs 's/hand.confidence_permille >= self.limits.confidence_permille/hand.confidence_permille <= u16::MAX/'
-mutant f4-no-workspace link_rules workspace tasks.rs 's/position_mm: self.inside\(\&jog.target.position_mm\)/position_mm: jog.target.position_mm/'
-mutant f4-target-kept-at-disable link_rules target_is_dropped pendant/jog.rs 's/^( *)self.jogging = Jogging::default\(\);/\1let _ = Jogging::default();/'
-mutant f5-repeated-ping-counts link_rules repetition pendant.rs 's/if ahead \&\& fresh \{/if fresh {/; s/let fresh = age <= self.silence_ticks\(\) \&\& age <= .*/let fresh = true;/; s/echo: ping.echo \};/echo: self.ticks };/'
-mutant f5-time-from-the-arrival link_rules delay pendant.rs 's/self.life = Life \{ count: ping.count, echo: ping.echo \};/self.life = Life { count: ping.count, echo: self.ticks };/'
-mutant f5-every-frame-is-life link_rules masquerade pendant.rs 's/^( *)HostMessage::Control \{ request, command \} => self.control/\1HostMessage::Control { request, command } if { self.life.echo = self.ticks; true } => self.control/; s/^( *)HostMessage::FaultSeen \{ number \} => \{/\1HostMessage::Control { .. } => Action::Idle,\n&/'
-mutant f6-turns-unbounded link_rules turns_faster pendant/ring.rs 's/let fastest_um_s = if turn_rad > 0.0 \{/let fastest_um_s = if turn_rad > 100.0 {/'
-mutant f6-manual-at-250 link_rules manual_mode pendant.rs 's/const MANUAL_DEFAULT_UM_S: u32 = 25_000;/const MANUAL_DEFAULT_UM_S: u32 = 250_000;/'
-mutant f6-welded-slower link_rules manual_mode pendant/command.rs 's/let bound = self.panel.manual \&\& self.interlock.is_armed\(\);/let bound = self.panel.manual \&\& self.panel.e_stop;/; s/Refused::TooFast => .*/Refused::TooFast => Refusal::Moving,/'
-mutant f6-key-turned-unnoticed link_rules turning_the_key interlock.rs 's/^( *)if turned \{/\1if turned \&\& self.state == State::Fault {/'
-mutant f7-slow-stop-at-disable link_rules released_switch interlock.rs 's/State::Holding if !inputs.enable \|\| self.cause == Some\(Cause::EnableLost\)/State::Holding if inputs.e_stop/'
+mutant f1-set-points-stay-here link every_set_point pendant/robot.rs 's/let torch = set_point.map\(\|at\| at.pose\).or\(self.jogged\(\)\)/let torch = set_point.map(|at| at.pose).filter(|_| false).or(self.jogged())/'
+mutant f2-start-anywhere link elsewhere pendant/place.rs 's/if distance_um <= self.limits.near_um \&\&/if distance_um < u32::MAX \&\&/'
+mutant f2-pose-known-at-power-on link after_power_on pendant.rs 's/^            known: false,/            known: true,/'
+mutant f2-pose-known-after-e-stop link e_stop_makes pendant/place.rs 's/^( *)self.known = false;/\1self.known = true;/'
+mutant f2-switch-not-gripped-anew link gripped_anew interlock.rs '/fn regrip\(/,/^    }/s/self.enabled = false;//'
+mutant f3-attach-to-a-live-host link goes_on pendant.rs 's/if self.is_heard\(\) \|\| !self.stands\(\) \{/if self.is_heard() \&\& !self.stands() \&\& attach.path == u16::MAX {/'
+mutant f3-attach-to-another-path link goes_on pendant.rs 's/self.path\(\) == Some\(attach.path\)/self.path().is_some()/'
+mutant f3-attach-keeps-the-grip link goes_on interlock.rs '/fn attach\(/,/^    }/s/self.regrip\(\);//'
+mutant f4-hands-while-disabled link hands_move pendant/jog.rs 's/State::Disabled => Err\(Refusal::NotEnabled\)/State::Disabled => Ok(())/'
+mutant f4-hands-in-automatic link hands_move pendant/jog.rs 's/State::Idle if !self.panel.manual =>/State::Idle if self.panel.e_stop =>/'
+mutant f4-the-sensors-own-clock link clock_bounds tasks.rs 's/let time_us = u64::from\(time_ms\) \* 1000;/let time_us = u64::from(hands.time_ms) * 1000;/'
+mutant f4-confidence-unread link not_sure tasks.rs 's/hand.confidence_permille >= self.limits.confidence_permille/hand.confidence_permille <= u16::MAX/'
+mutant f4-no-workspace link workspace tasks.rs 's/position_mm: self.inside\(\&jog.target.position_mm\)/position_mm: jog.target.position_mm/'
+mutant f4-target-kept-at-disable link target_is_dropped pendant/jog.rs 's/^( *)self.jogging = Jogging::default\(\);/\1let _ = Jogging::default();/'
+mutant f5-repeated-ping-counts link repetition pendant.rs 's/if ahead \&\& fresh \{/if fresh {/; s/let fresh = age <= self.silence_ticks\(\) \&\& age <= .*/let fresh = true;/; s/echo: ping.echo \};/echo: self.ticks };/'
+mutant f5-time-from-the-arrival link delay pendant.rs 's/self.life = Life \{ count: ping.count, echo: ping.echo \};/self.life = Life { count: ping.count, echo: self.ticks };/'
+mutant f5-every-frame-is-life link masquerade pendant.rs 's/^( *)HostMessage::Control \{ request, command \} => self.control/\1HostMessage::Control { request, command } if { self.life.echo = self.ticks; true } => self.control/; s/^( *)HostMessage::FaultSeen \{ number \} => \{/\1HostMessage::Control { .. } => Action::Idle,\n&/'
+mutant f6-turns-unbounded link turns_faster pendant/ring.rs 's/let fastest_um_s = if turn_rad > 0.0 \{/let fastest_um_s = if turn_rad > 100.0 {/'
+mutant f6-manual-at-250 link manual_mode pendant.rs 's/const MANUAL_DEFAULT_UM_S: u32 = 25_000;/const MANUAL_DEFAULT_UM_S: u32 = 250_000;/'
+mutant f6-welded-slower link manual_mode pendant/command.rs 's/let bound = self.panel.manual \&\& self.interlock.is_armed\(\);/let bound = self.panel.manual \&\& self.panel.e_stop;/; s/Refused::TooFast => .*/Refused::TooFast => Refusal::Moving,/'
+mutant f6-key-turned-unnoticed link turning_the_key interlock.rs 's/^( *)if turned \{/\1if turned \&\& self.state == State::Fault {/'
+mutant f7-slow-stop-at-disable link released_switch interlock.rs 's/State::Holding if !inputs.enable \|\| self.cause == Some\(Cause::EnableLost\)/State::Holding if inputs.e_stop/'
 mutant f8-one-contact-enables core only_both interlock/channels.rs 's/both: a \&\& b/both: a || b/'
 mutant f8-stuck-pin-holds-the-pump core stands_still interlock/channels.rs 's/self.charge.saturating_sub\(1\)/self.charge/'
-mutant f9-times-not-the-paths link_rules own_gas_time pendant/command.rs 's/^( *)self.interlock = self.interlock.timed\(times\);/\1let _ = times;/'
-mutant f9-stray-current-unnoticed link_rules current_that_flows interlock.rs 's/^( *)self.watch_current\(inputs\);/\1let _ = inputs;/'
-mutant f9-short-crater-is-finished link_rules crater interlock.rs 's/self.cut_short \|= .*/self.cut_short \&= true;/'
-mutant f9-armed-across-a-release link_rules arming_in_held interlock.rs '/if !inputs.enable \{/,/enable_lost/s/self.armed = false;//; /fn regrip\(/,/^    }/s/self.armed = false;//'
-mutant f9-jog-unbounded link_rules workspace pendant/command.rs 's/if !fits \{/if !fits \&\& near(\&0) == false {/'
-mutant port-silent-robot-starts link_port starts_nothing pendant/place.rs 's/is_some_and\(\|robot\| !robot.is_ready\(\)\)/is_some_and(|robot| robot.is_ready() \&\& false)/'
-mutant port-late-robot-runs link_port late pendant/robot.rs 's/age\(answered\) < self.config.late_ticks/age(answered) < u16::MAX/'
-mutant port-off-robot-runs link_port is_off pendant/robot.rs 's/Drives::Following => off.then_some\(Cause::RobotOff\)/Drives::Following => (off \&\& false).then_some(Cause::RobotOff)/'
+mutant f9-times-not-the-paths link own_gas_time pendant/command.rs 's/^( *)self.interlock = self.interlock.timed\(times\);/\1let _ = times;/'
+mutant f9-stray-current-unnoticed link current_that_flows interlock.rs 's/^( *)self.watch_current\(inputs\);/\1let _ = inputs;/'
+mutant f9-short-crater-is-finished link crater interlock.rs 's/self.cut_short \|= .*/self.cut_short \&= true;/'
+mutant f9-armed-across-a-release link arming_in_held interlock.rs '/if !inputs.enable \{/,/enable_lost/s/self.armed = false;//; /fn regrip\(/,/^    }/s/self.armed = false;//'
+mutant f9-jog-unbounded link workspace pendant/command.rs 's/if !fits \{/if !fits \&\& near(\&0) == false {/'
+mutant port-silent-robot-starts link starts_nothing pendant/place.rs 's/is_some_and\(\|robot\| !robot.is_ready\(\)\)/is_some_and(|robot| robot.is_ready() \&\& false)/'
+mutant port-late-robot-runs link late pendant/robot.rs 's/age\(answered\) < self.config.late_ticks/age(answered) < u16::MAX/'
+mutant port-off-robot-runs link is_off pendant/robot.rs 's/Drives::Following => off.then_some\(Cause::RobotOff\)/Drives::Following => (off \&\& false).then_some(Cause::RobotOff)/'
 mutant port-old-pose-at-start core where_another_ended pendant/command.rs 's/^( *)self.pose = first.waypoint.pose;/\1let _ = first;/'
 
 if [ -n "$check" ] && [ "$failures" -eq 0 ]; then echo "every mutant applies" && exit; fi

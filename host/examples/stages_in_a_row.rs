@@ -49,10 +49,10 @@ pub(crate) fn edge_points(views: &[View]) -> Vec<Point3<f64>> {
 /// Registered, merged, thinned and filtered views, and the edge of their voxels.
 fn model(views: &[View]) -> (PointCloud, f32) {
     let config = pipeline::Config::default();
-    let patches = normals::of_views(views, &config.normals);
-    let registration = reconstruction::register(views, &patches, &config.reconstruction);
+    let patches = normals::of_views(views, &config.merge.normals);
+    let registration = reconstruction::register(views, &patches, &config.merge.reconstruction);
     let merged = Merged::new(views, &registration.base_from_camera);
-    let scale = Scale::of(&merged, &patches, &config.downsampling);
+    let scale = Scale::of(&merged, &patches, &config.merge.downsampling);
     let voxels = voxel_grid(&merged, scale.edge_mm, scale.occupancy());
     (denoising::bilateral(&voxels.cloud, &scale.bilateral()), scale.edge_mm)
 }

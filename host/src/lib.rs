@@ -43,18 +43,13 @@
 //! plans a cloud in 20 lines, runs stages of one's own choice, and fills in poses between those of a path.
 #![forbid(unsafe_code)]
 
-pub mod files;
-pub mod geometry;
-pub mod input;
-pub mod lab;
-pub mod model;
-pub mod output;
-pub mod pendant;
-pub mod pipeline;
+pub use weldpath_files as files;
+pub use weldpath_job::{output, robot, run};
+pub use weldpath_lab as lab;
+pub use weldpath_method::{geometry, input, model, pipeline, seam, weld};
+pub use weldpath_pendant as pendant;
+pub use weldpath_sim::{evaluation, simulation};
+
 pub mod report;
-pub mod robot;
-pub mod run;
-pub mod seam;
 #[cfg(feature = "open")]
 pub mod server;
-pub mod weld;

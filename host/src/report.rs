@@ -25,13 +25,13 @@ use run::Run;
 #[cfg(feature = "open")]
 pub use section::{Section, section};
 
-use crate::files::File;
-use crate::output::summary::{Source, Summary};
-use crate::output::verdict::{Finding, ReasonId, Verdict};
-use crate::pipeline::Plan;
-use crate::run::job::Job;
-use crate::run::postprocessing::Output;
-use crate::weld::program::Program;
+use weldpath_files::File;
+use weldpath_job::output::summary::{Source, Summary};
+use weldpath_job::output::verdict::{Finding, ReasonId, Verdict};
+use weldpath_job::run::job::Job;
+use weldpath_job::run::postprocessing::Output;
+use weldpath_method::pipeline::{Derivation, Plan, Remarks};
+use weldpath_method::weld::program::Program;
 
 /// Name of the page within a run's folder.
 pub const PAGE: &str = "report.html";
@@ -59,19 +59,10 @@ pub fn without_seams(recording: &Recording, job: &Job, reason: &str) -> Vec<File
         model: clouds.model(),
         seams: Vec::new(),
         paths: Vec::new(),
-        views: Vec::new(),
-        hand_eye: None,
-        base_frame: None,
-        camera: None,
-        touch: None,
-        derived: Vec::new(),
-        stage_s: Vec::new(),
-        orientation_assumed: false,
-        unmet: Vec::new(),
-        undrawn: Vec::new(),
-        warnings: Vec::new(),
         coverage: Vec::new(),
         tacks: Vec::new(),
+        derived: Derivation::default(),
+        said: Remarks::default(),
     };
     let verdict = Verdict::new([Finding::new(ReasonId::NoSeam, reason)], &[]);
     let rejected = recording.rejected.clone();

@@ -15,8 +15,8 @@ mod start;
 pub use session::Workplace;
 pub use start::{Choice, Chooser, Start};
 
-use crate::run::job::Job;
 use http::First;
+use weldpath_job::run::job::Job;
 
 /// Plans `job` and shows it until Ctrl-C, or until no page is open any more. `announce` is told the page's address, and
 /// another that leads there once, to be handed to a browser.

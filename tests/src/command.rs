@@ -21,14 +21,16 @@ pub fn weldpath() -> Command {
     static PROGRAM: OnceLock<PathBuf> = OnceLock::new();
     let program = PROGRAM.get_or_init(|| {
         let cargo = std::env::var_os("CARGO").unwrap_or("cargo".into());
-        // With the tests' own features, which a plain build does not have: else all of the host is compiled twice.
+        let test = std::env::current_exe().expect("a test is a file");
+        let folder = test.ancestors().nth(2).expect("target/debug/deps");
+        // With the tests' own features and profile: else all of the host is compiled twice.
         let built = Command::new(cargo)
             .args(["test", "--quiet", "--workspace", "--no-run", "--test", "command"])
+            .args(folder.ends_with("release").then_some("--release"))
             .current_dir(env!("CARGO_MANIFEST_DIR"))
             .status();
         assert!(built.is_ok_and(|status| status.success()), "weldpath cannot be built");
-        let test = std::env::current_exe().expect("a test is a file");
-        test.ancestors().nth(2).expect("target/debug/deps").join("weldpath")
+        folder.join("weldpath")
     });
     let mut command = Command::new(program);
     command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());

@@ -3,9 +3,9 @@
 use std::f64::consts::{FRAC_PI_4, TAU};
 
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, UnitQuaternion, Vector3};
+use weldpath::evaluation::{Truth, TruthSeam};
 use weldpath::geometry::cloud::PointCloud;
-use weldpath::lab::evaluation::{Truth, TruthSeam};
-use weldpath::pipeline::{Derived, Plan, ViewReport};
+use weldpath::pipeline::{Derivation, Parameter, Plan, Remarks, ViewReport};
 use weldpath::seam::{ErrorParts, Joint, Seam, Station};
 use weldpath::weld::{PathPoint, Process, SeamPath};
 
@@ -58,24 +58,21 @@ pub fn corner_of_plates(bent: bool) -> Plan {
 
 fn of_paths(paths: Vec<SeamPath>) -> Plan {
     let seams = paths.iter().map(seam).collect();
-    let derived = vec![Derived { name: "voxel_mm".into(), value: 0.8, how: "twice the mean spacing".into() }];
+    let parameters =
+        vec![Parameter { name: "voxel_mm".into(), value: 0.8, how: "twice the mean spacing".into() }];
     Plan {
         model: model(),
         seams,
         paths,
-        views: vec![view()],
-        hand_eye: None,
-        base_frame: None,
-        camera: None,
-        touch: None,
-        derived,
         coverage: vec![],
         tacks: vec![],
-        stage_s: vec![("normals".into(), 0.25), ("seam".into(), 1.5)],
-        orientation_assumed: false,
-        unmet: Vec::new(),
-        undrawn: Vec::new(),
-        warnings: vec!["view 2 sees little".into()],
+        derived: Derivation {
+            views: vec![view()],
+            parameters,
+            stage_s: vec![("normals".into(), 0.25), ("seam".into(), 1.5)],
+            ..Derivation::default()
+        },
+        said: Remarks { warnings: vec!["view 2 sees little".into()], ..Remarks::default() },
     }
 }
 

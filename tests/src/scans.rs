@@ -3,14 +3,14 @@
 use std::path::Path;
 
 use nalgebra::Point3;
+use weldpath::evaluation::{Options, PathSet, Score, Truth, score};
 use weldpath::input::{self, Scan};
-use weldpath::lab::evaluation::{Options, PathSet, Score, Truth, score};
-use weldpath::lab::simulation::{Format, MeshRequest, Noise, SensorErrors, Simulated, write};
 use weldpath::output::verdict::Verdict;
 use weldpath::pipeline::Plan;
 use weldpath::run::job::Job;
 use weldpath::run::planning;
 use weldpath::run::postprocessing::{Output, postprocess};
+use weldpath::simulation::{Format, MeshRequest, Noise, SensorErrors, Simulated, write};
 
 /// Corners of a triangle, mm.
 pub type Triangle = [Point3<f64>; 3];

@@ -4,13 +4,13 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Instant;
 
+use weldpath::evaluation::{self, PathSet, Truth};
 use weldpath::input;
-use weldpath::lab::evaluation::{self, PathSet, Truth};
-use weldpath::lab::simulation::{self, Part, Request};
 use weldpath::output::csv;
 use weldpath::output::frame::PathFrame;
 use weldpath::pendant::{emulator, serial};
 use weldpath::pipeline;
+use weldpath::simulation::{self, Part, Request};
 
 use super::{Exit, Failure, print};
 

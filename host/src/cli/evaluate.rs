@@ -5,13 +5,11 @@ use std::path::{Path, PathBuf};
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use serde::Serialize;
+use weldpath::evaluation;
+use weldpath::evaluation::{CELL_MM, Error, F1, Options, PathSet, Score, Target, Truth, align, f1, score};
 use weldpath::files::File;
 use weldpath::files::reading;
 use weldpath::lab::comparison;
-use weldpath::lab::evaluation;
-use weldpath::lab::evaluation::{
-    CELL_MM, Error, F1, Options, PathSet, Score, Target, Truth, align, f1, score,
-};
 use weldpath::report;
 use weldpath::run::job::Job;
 use weldpath::run::job::quantity::StandoffMm;

@@ -7,9 +7,9 @@ use std::sync::Arc;
 
 use weldpath::files::manifest;
 use weldpath::input;
-use weldpath::lab::simulation::{self, Part};
 use weldpath::run::job::Job;
 use weldpath::server::{self, Choice, Start, Workplace};
+use weldpath::simulation::{self, Part};
 
 use super::folder::{Folder, FolderArgs};
 use super::{Exit, Failure, plan, simulate, tell};

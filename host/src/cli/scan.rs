@@ -6,8 +6,6 @@ use std::time::Duration;
 
 use nalgebra::Isometry3;
 use weldpath::files::File;
-use weldpath::lab::simulation;
-use weldpath::lab::simulation::{Noise, Part, Request};
 use weldpath::pendant::emulator::{Inputs, Panel};
 use weldpath::pendant::link;
 use weldpath::pendant::link::{Event, Link};
@@ -15,6 +13,8 @@ use weldpath::pendant::teleop;
 use weldpath::pendant::teleop::live::Live;
 use weldpath::pendant::teleop::{Pace, REGIONS, Session, Setup, generator, recording};
 use weldpath::run::job::quantity::Place;
+use weldpath::simulation;
+use weldpath::simulation::{Noise, Part, Request};
 use weldpath_core::interlock::Fault;
 use weldpath_core::wire::{Telemetry, WireHandFrame};
 

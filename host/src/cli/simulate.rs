@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use weldpath::input;
-use weldpath::lab::simulation;
-use weldpath::lab::simulation::{
+use weldpath::simulation;
+use weldpath::simulation::{
     CellErrors, Error, Format, ListedWeld, MeshRequest, Noise, Part, Pose, Request, Sensor, SensorErrors,
     Tacks,
 };

@@ -30,12 +30,12 @@ pub(super) fn result(plan: &Plan, output: &Output, source: &Source, out: &Path) 
     for note in &source.notes {
         line(&mut text, note);
     }
-    for derived in &plan.derived {
+    for derived in &plan.derived.parameters {
         line(&mut text, &format!("{} = {} ({})", derived.name, significant(derived.value), derived.how));
     }
-    plan.views.iter().for_each(|view| line(&mut text, &registration(view)));
-    plan.base_frame.iter().for_each(|found| line(&mut text, &cell(found)));
-    plan.camera.iter().for_each(|found| line(&mut text, &camera(found)));
+    plan.derived.views.iter().for_each(|view| line(&mut text, &registration(view)));
+    plan.derived.base_frame.iter().for_each(|found| line(&mut text, &cell(found)));
+    plan.derived.camera.iter().for_each(|found| line(&mut text, &camera(found)));
     let seams =
         plan.seams.iter().flat_map(|seam| seam.warnings.iter().map(|w| format!("seam {}: {w}", seam.id)));
     let all: Vec<String> = output.summary.warnings().iter().cloned().chain(seams).collect();
@@ -128,7 +128,7 @@ mod tests {
     use super::*;
     use nalgebra::{Point3, UnitQuaternion, Vector3};
     use weldpath::geometry::cloud::PointCloud;
-    use weldpath::pipeline::Derived;
+    use weldpath::pipeline::{Derivation, Parameter, Remarks};
     use weldpath::run::job::Job;
     use weldpath::run::postprocessing::postprocess;
     use weldpath::seam::{ErrorParts, Joint, Station};
@@ -172,21 +172,15 @@ mod tests {
             paths: vec![SeamPath { seam: 1, points }],
             coverage: vec![],
             tacks: vec![],
-            views: vec![],
-            hand_eye: None,
-            base_frame: None,
-            camera: None,
-            touch: None,
-            derived: vec![Derived {
-                name: "voxel_mm".into(),
-                value: 0.8,
-                how: "twice the mean spacing".into(),
-            }],
-            stage_s: vec![],
-            orientation_assumed: false,
-            unmet: Vec::new(),
-            undrawn: Vec::new(),
-            warnings: vec!["view 3 overlaps too little".into()],
+            derived: Derivation {
+                parameters: vec![Parameter {
+                    name: "voxel_mm".into(),
+                    value: 0.8,
+                    how: "twice the mean spacing".into(),
+                }],
+                ..Derivation::default()
+            },
+            said: Remarks { warnings: vec!["view 3 overlaps too little".into()], ..Remarks::default() },
         }
     }
 

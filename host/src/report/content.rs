@@ -4,15 +4,15 @@ use super::colour;
 use super::histogram::Histogram;
 use super::points::{self, INTENSITY_FULL, Layer};
 use super::run::Run;
-use crate::output::arm::ArmDrawing;
-use crate::output::summary::Summary;
-use crate::pipeline::Plan;
-use crate::run::job::MethodName;
-use crate::seam::Seam;
-use crate::weld::air;
-use crate::weld::program::{Kind, Waypoint};
 use nalgebra::{Point3, Vector3};
 use serde::Serialize;
+use weldpath_job::output::arm::ArmDrawing;
+use weldpath_job::output::summary::Summary;
+use weldpath_job::run::job::MethodName;
+use weldpath_method::pipeline::Plan;
+use weldpath_method::seam::Seam;
+use weldpath_method::weld::air;
+use weldpath_method::weld::program::{Kind, Waypoint};
 
 /// Most waypoints in the page; the files hold all.
 const WAYPOINTS: usize = 20_000;
@@ -174,7 +174,7 @@ pub(super) fn document(run: &Run, scene: &Scene) -> (String, Vec<u8>) {
 
 fn histograms<'a>(run: &Run<'a>) -> Histograms<'a> {
     let Run { plan, recording, job, .. } = *run;
-    let derived = |name: &str| plan.derived.iter().find(|d| d.name == name).map(|d| d.value);
+    let derived = |name: &str| plan.derived.parameters.iter().find(|d| d.name == name).map(|d| d.value);
     Histograms {
         intensity: &recording.intensity,
         intensity_gate: derived("intensity_gate").filter(|gate| *gate > 0.0),

@@ -1,8 +1,8 @@
 //! How far a plan is from the truth, point by point, for the page.
 
 use super::content::rounded;
-use crate::lab::evaluation::{Deviation, Options, PathSet, Score, Truth, deviations, score};
 use serde::Serialize;
+use weldpath_sim::evaluation::{Deviation, Options, PathSet, Score, Truth, deviations, score};
 
 #[derive(Serialize)]
 struct Document<'a> {

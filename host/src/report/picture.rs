@@ -8,12 +8,12 @@ use super::colour::{css, of_seam};
 use super::content::Scene;
 use super::page::html_text;
 use super::run::Run;
-use crate::seam::Seam;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use nalgebra::{Point2, Point3, Vector2, Vector3};
 use rayon::prelude::*;
 use std::fmt::Write;
+use weldpath_method::seam::Seam;
 
 /// Size of a view, px.
 const WIDTH: f64 = 660.0;
@@ -152,7 +152,7 @@ fn view(run: &Run, colours: &[[f32; 3]], name: &str, projection: &Projection) ->
 }
 
 fn voxel_mm(run: &Run) -> f64 {
-    run.plan.derived.iter().find(|d| d.name == "voxel_mm").map_or(1.0, |d| d.value)
+    run.plan.derived.parameters.iter().find(|d| d.name == "voxel_mm").map_or(1.0, |d| d.value)
 }
 
 fn line(text: &mut String, seam: &Seam, projection: &Projection) {

@@ -1,11 +1,11 @@
 //! The paper's intensity ratio, for its histogram: at a sample of the model's points, since a picture needs no more.
 
 use super::points::even_sample;
-use crate::pipeline::Evidence;
-use crate::seam::INDEX_VOXELS;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 use weldpath_core::seam::{Tensor, gradient};
+use weldpath_method::pipeline::Evidence;
+use weldpath_method::seam::INDEX_VOXELS;
 
 /// Points in the histogram.
 const SAMPLE: usize = 1000;
@@ -57,12 +57,12 @@ pub(super) fn sampled(evidence: &Evidence) -> Vec<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::cloud::{Merged, PointCloud};
-    use crate::geometry::grid::Grid;
-    use crate::model::downsampling::Voxels;
-    use crate::seam::SurfaceModel;
-    use crate::seam::score::{edges, paper};
     use nalgebra::Point3;
+    use weldpath_method::geometry::cloud::{Merged, PointCloud};
+    use weldpath_method::geometry::grid::Grid;
+    use weldpath_method::model::downsampling::Voxels;
+    use weldpath_method::seam::SurfaceModel;
+    use weldpath_method::seam::score::{edges, paper};
 
     #[test]
     fn ratios_of_a_sample_are_those_of_the_papers_method() {

@@ -5,13 +5,13 @@
 use super::histogram::Histogram;
 use super::points::{Frame, Sample, even_sample};
 use super::ratio;
-use crate::geometry::cloud::{Merged, PointCloud};
-use crate::geometry::grid::Grid;
-use crate::pipeline::Evidence;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use weldpath_core::seam::RatioThreshold;
+use weldpath_method::geometry::cloud::{Merged, PointCloud};
+use weldpath_method::geometry::grid::Grid;
+use weldpath_method::pipeline::Evidence;
 
 /// Most points of the model and of the raw scan in the page.
 const MODEL_POINTS: usize = 300_000;
@@ -136,7 +136,7 @@ fn spacings_mm(merged: &Merged, index: &Grid, edge_mm: f32) -> Vec<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::downsampling::Voxels;
+    use weldpath_method::model::downsampling::Voxels;
 
     #[test]
     fn a_sample_is_even_and_without_repetition() {

@@ -1,9 +1,9 @@
 //! One run of weldpath, as the page and the picture show it.
 
 use super::recording::Recording;
-use crate::pipeline::Plan;
-use crate::run::job::Job;
-use crate::run::postprocessing::Output;
+use weldpath_job::run::job::Job;
+use weldpath_job::run::postprocessing::Output;
+use weldpath_method::pipeline::Plan;
 
 /// What the page and the picture are made from.
 #[derive(Clone, Copy)]

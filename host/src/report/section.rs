@@ -6,9 +6,9 @@
 use nalgebra::{Point3, Vector3};
 use serde::Serialize;
 
-use crate::pipeline::Plan;
-use crate::seam::{Seam, Station};
-use crate::weld::{PathPoint, SeamPath};
+use weldpath_method::pipeline::Plan;
+use weldpath_method::seam::{Seam, Station};
+use weldpath_method::weld::{PathPoint, SeamPath};
 
 /// Points are shown up to this far from the root, mm: a leg of 12 mm, and as much of the plate beside it.
 const REACH_MM: f64 = 25.0;
@@ -94,7 +94,7 @@ pub fn section(plan: &Plan, welded: &[SeamPath], id: usize, at_mm: f64) -> Resul
     let (station, at_mm) = nearest(seam, at_mm).ok_or_else(|| format!("seam {id} has no station"))?;
     let none = || format!("seam {id} has no section {at_mm:.1} mm along it: its faces are opposite there");
     let axes = Axes::of(station).ok_or_else(none)?;
-    let voxel_mm = plan.derived.iter().find(|derived| derived.name == "voxel_mm");
+    let voxel_mm = plan.derived.parameters.iter().find(|derived| derived.name == "voxel_mm");
     let half_slab_mm = voxel_mm.map_or(HALF_SLAB_MM, |voxel| HALF_SLAB_VOXELS * voxel.value);
     let passes = welded.iter().filter(|path| path.seam == id);
     let torches = passes.filter_map(|path| torch(path, &axes)).collect();

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::run::job::Job;
+use weldpath_job::run::job::Job;
 
 /// Ends the job in the command's text, unless it is a line of it: a name of a file may have several.
 const END: &str = "END_OF_JOB";

@@ -9,14 +9,14 @@ use nalgebra::Point3;
 use serde::Deserialize;
 use serde_json::Value;
 
-use crate::output::verdict::ReasonId;
-use crate::pipeline::Plan;
-use crate::run::job::ask::{AskSettings, DrawSettings};
-use crate::run::job::exclude::{ExcludeSettings, HalfSpaceSettings};
-use crate::run::job::quantity::{Place, Region, WithinMm};
-use crate::run::job::{Job, SeamSettings, Selection, Sequence};
-use crate::run::{postprocessing, selection};
-use crate::weld::SeamPath;
+use weldpath_job::output::verdict::ReasonId;
+use weldpath_job::run::job::ask::{AskSettings, DrawSettings};
+use weldpath_job::run::job::exclude::{ExcludeSettings, HalfSpaceSettings};
+use weldpath_job::run::job::quantity::{Place, Region, WithinMm};
+use weldpath_job::run::job::{Job, SeamSettings, Selection, Sequence};
+use weldpath_job::run::{postprocessing, selection};
+use weldpath_method::pipeline::Plan;
+use weldpath_method::weld::SeamPath;
 
 /// A seam that was clicked is found again within this of its middle, mm: a second scan of the same part moves it by less,
 /// and its neighbours are farther.

@@ -24,7 +24,7 @@ use super::planner;
 use super::session::{Session, Wish};
 use super::start::Start;
 use crate::report::{self, Edition};
-use crate::run::job::Job;
+use weldpath_job::run::job::Job;
 
 /// Connections at a time; more are closed at once. A page has two.
 const MOST_CONNECTIONS: usize = 64;

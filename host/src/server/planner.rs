@@ -10,14 +10,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use nalgebra::Vector3;
 
 use super::session::{Begun, Searched, Session, Shown, Told, Wish, Workplace};
-use crate::files::{File, Writer};
-use crate::output::verdict::State;
-use crate::pipeline::{Evidence, Observer, Plan, PlanError};
 use crate::report::{self, Recording};
-use crate::run::job::Job;
-use crate::run::planning::{self, Error, PASSED};
-use crate::run::postprocessing::{Output, postprocess};
-use crate::weld::{PathPoint, SeamPath};
+use weldpath_files::{File, Writer};
+use weldpath_job::output::verdict::State;
+use weldpath_job::run::job::Job;
+use weldpath_job::run::planning::{self, Error, PASSED};
+use weldpath_job::run::postprocessing::{Output, postprocess};
+use weldpath_method::pipeline::{Evidence, Observer, Plan, PlanError};
+use weldpath_method::weld::{PathPoint, SeamPath};
 
 /// Tells the pages how far the plan is.
 struct Watch<'a> {

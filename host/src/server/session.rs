@@ -11,13 +11,13 @@ use tokio::sync::watch;
 use super::command::{self, Target};
 use super::edit::Edit;
 use crate::report::{Edition, Recording};
-use crate::robot::feasibility::catalogue;
-use crate::run::job::{
+use weldpath_job::robot::feasibility::catalogue;
+use weldpath_job::run::job::{
     Job, PassSettings, PathSettings, SeamSettings, Sequence, StitchSettings, TorchSettings, WeaveSettings,
     Weld,
 };
-use crate::run::{planning, postprocessing, selection};
-use crate::weld::SeamPath;
+use weldpath_job::run::{planning, postprocessing, selection};
+use weldpath_method::weld::SeamPath;
 
 /// Edits that can be undone.
 const MOST_UNDONE: usize = 1000;

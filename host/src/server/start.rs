@@ -8,7 +8,7 @@ use hyper::StatusCode;
 use serde::Deserialize;
 
 use super::session::{Session, Workplace};
-use crate::run::job::Job;
+use weldpath_job::run::job::Job;
 
 /// What was chosen on the start page; without `out` the results go where the command line has them.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]

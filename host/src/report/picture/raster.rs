@@ -3,8 +3,8 @@
 use super::super::colour::on_ramp;
 use super::super::content::Scene;
 use super::{HEIGHT, Projection, WIDTH};
-use crate::geometry::cloud::PointCloud;
 use nalgebra::Vector3;
+use weldpath_method::geometry::cloud::PointCloud;
 
 /// Pixels of the image per px of the picture.
 const FINE: f64 = 1.25;

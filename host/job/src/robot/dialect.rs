@@ -1,0 +1,127 @@
+//! Programs for robot controllers, one module per dialect. What each needs edited before it runs, and what has not
+//! been tried: `docs/programs.md`. A dialect is a file with a function `write`, its `pub mod` and its line in the table
+//! of [`Dialect`].
+
+pub mod fanuc;
+pub mod krl;
+pub mod moves;
+pub mod rapid;
+pub mod ros;
+pub mod urscript;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use self::moves::TooLong;
+use super::arc::WeldingArc;
+use super::tool::Tool;
+use weldpath_files::File;
+use weldpath_method::weld::program::Waypoint;
+
+/// The table of dialects: a name, as which the command line and a job file know it in kebab case, and its module.
+macro_rules! dialects {
+    ($($(#[$about:meta])* $name:ident => $module:ident,)*) => {
+        /// Whose program is written.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Serialize, Deserialize, JsonSchema)]
+        #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
+        #[serde(rename_all = "kebab-case")]
+        #[schemars(rename = "Robot")]
+        pub enum Dialect {
+            $($(#[$about])* $name,)*
+        }
+
+        impl Dialect {
+            /// The files of the program.
+            ///
+            /// # Errors
+            /// A seam is longer than a program of this dialect may be.
+            ///
+            /// ```
+            /// use weldpath::robot::dialect::Dialect;
+            /// use weldpath::run::job::Job;
+            /// use nalgebra::{Point3, UnitQuaternion};
+            /// use weldpath::weld::program::{Kind, Waypoint};
+            ///
+            /// let at = |x_mm| Waypoint {
+            ///     position_mm: Point3::new(x_mm, 0.0, 0.0),
+            ///     base_from_torch: UnitQuaternion::identity(),
+            ///     feed_mm_s: 8.0,
+            ///     weld: true,
+            ///     seam: Some(1),
+            ///     kind: Kind::Weld,
+            ///     dwell_s: None,
+            /// };
+            /// let program = [at(0.0), at(10.0)];
+            /// let files = Dialect::Ur.write(&program, &Job::default().program_setup())?;
+            /// assert_eq!(files[0].name, "path.script");
+            /// assert!(String::from_utf8_lossy(&files[0].bytes).contains("movep("));
+            /// # Ok::<(), weldpath::robot::dialect::moves::TooLong>(())
+            /// ```
+            pub fn write(self, waypoints: &[Waypoint], setup: &ProgramSetup) -> Result<Vec<File>, TooLong> {
+                match self {
+                    $(Self::$name => $module::write(waypoints, setup),)*
+                }
+            }
+        }
+    };
+}
+
+dialects! {
+    /// Universal Robots: URScript, path.script.
+    #[default]
+    Ur => urscript,
+    /// ABB: RAPID, NAME.mod.
+    Abb => rapid,
+    /// KUKA: KRL, NAME.src and NAME.dat.
+    Kuka => krl,
+    /// FANUC: TP listing, NAME.ls.
+    Fanuc => fanuc,
+    /// ROS: geometry_msgs/PoseArray, poses.yaml and poses.json.
+    Ros => ros,
+}
+
+/// Everything the programs need beside the waypoints.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ProgramSetup {
+    /// Of programs, and of the files of dialects in which the two are one.
+    pub name: String,
+    /// Number of the tool on controllers that number them; used where `tool` is none, and by FANUC always.
+    pub tool_number: u32,
+    /// Number of the weld data on controllers that keep it themselves.
+    pub weld_schedule: u32,
+    /// None leaves what is set on the controller.
+    pub tool: Option<Tool>,
+    /// How the arc is switched.
+    pub arc: WeldingArc,
+    /// What stands in the head of every program, one line each, beside what the dialect itself says.
+    pub remarks: Vec<String>,
+}
+
+impl ProgramSetup {
+    /// The remarks in plain ASCII and in pieces of at most `most` characters, so that none can end its comment: names of
+    /// files stand in them.
+    fn remark_lines(&self, most: usize) -> Vec<String> {
+        let plain = |c: char| if c == ' ' || c.is_ascii_graphic() { c } else { '?' };
+        let mut lines: Vec<String> = Vec::new();
+        for remark in &self.remarks {
+            let text: String = remark.chars().map(plain).collect();
+            let mut line = String::new();
+            for word in text.split(' ').filter(|word| !word.is_empty()) {
+                let word = &word[..word.len().min(most)];
+                if !line.is_empty() && line.len() + 1 + word.len() > most {
+                    lines.push(std::mem::take(&mut line));
+                }
+                let space = if line.is_empty() { "" } else { " " };
+                line.push_str(space);
+                line.push_str(word);
+            }
+            lines.push(line);
+        }
+        lines
+    }
+}
+
+/// Name of part `index`, counted from 0, of a divided program.
+pub(super) fn part_name(name: &str, index: usize) -> String {
+    format!("{name}_{}", index + 1)
+}

@@ -1,0 +1,190 @@
+//! What stands against running a program, seam by seam, in words.
+
+use super::{Check, FeasibilitySetup, branch};
+use weldpath_method::weld::program::Waypoint;
+
+/// What is wrong.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum ProblemKind {
+    /// No joint angles bring the flange there.
+    OutOfReach,
+    /// A joint would leave its range.
+    Limit,
+    /// The joints would have to jump to another branch amid the program.
+    Jump,
+    /// A joint would turn faster than it can at the feed.
+    Speed,
+    /// The torch is inside what was scanned.
+    Collision,
+    /// The arm is near a singularity.
+    Singular,
+    /// The torch comes nearer to what was scanned than it should.
+    Close,
+}
+
+impl ProblemKind {
+    /// Whether the program cannot be run as it is.
+    pub(crate) fn is_fatal(self) -> bool {
+        !matches!(self, Self::Singular | Self::Close)
+    }
+
+    /// Name in `summary.json`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::OutOfReach => "out-of-reach",
+            Self::Limit => "joint-limit",
+            Self::Jump => "jump",
+            Self::Speed => "joint-speed",
+            Self::Collision => "collision",
+            Self::Singular => "singularity",
+            Self::Close => "clearance",
+        }
+    }
+}
+
+/// One thing that is wrong on a run of waypoints.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Problem {
+    /// What.
+    pub kind: ProblemKind,
+    /// The seam whose waypoints these are; for air moves the seam they lead to, or come from at the end.
+    pub seam: Option<usize>,
+    /// First waypoint, counted from 0 in `path.json`.
+    pub first: usize,
+    /// Last waypoint.
+    pub last: usize,
+    /// How bad at the worst: mm from the origin of the robot's base, degrees, share of the speed, dexterity, or mm of clearance.
+    pub worst: f64,
+}
+
+/// Below this [`super::arm::Arm::dexterity`] an arm counts as near a singularity: a wrist bent by less than about 5 degrees.
+const SINGULAR: f64 = 0.012;
+/// Runs of one kind with at most this many good waypoints between them are one run.
+const MERGED: usize = 5;
+
+/// All problems, by waypoint and kind.
+pub(super) fn found(waypoints: &[Waypoint], checks: &[Check], setup: &FeasibilitySetup) -> Vec<Problem> {
+    let owners = owners(waypoints);
+    let mut problems: Vec<Problem> = Vec::new();
+    for (i, check) in checks.iter().enumerate() {
+        for (kind, worst) in faults(&waypoints[i], check, setup) {
+            let same = |p: &&mut Problem| p.kind == kind && p.seam == owners[i] && i <= p.last + 1 + MERGED;
+            match problems.iter_mut().rev().find(same) {
+                Some(known) => {
+                    known.last = i;
+                    known.worst =
+                        if kind.more_is_worse() { known.worst.max(worst) } else { known.worst.min(worst) };
+                }
+                None => problems.push(Problem { kind, seam: owners[i], first: i, last: i, worst }),
+            }
+        }
+    }
+    let collisions: Vec<Problem> =
+        problems.iter().filter(|p| p.kind == ProblemKind::Collision).cloned().collect();
+    problems
+        .retain(|p| p.kind != ProblemKind::Close || !collisions.iter().any(|collision| p.adjoins(collision)));
+    problems
+}
+
+/// The seam of each waypoint, air moves included.
+fn owners(waypoints: &[Waypoint]) -> Vec<Option<usize>> {
+    let mut owners: Vec<Option<usize>> = waypoints.iter().map(|waypoint| waypoint.seam).collect();
+    let mut next = owners.iter().rev().copied().flatten().next();
+    for owner in owners.iter_mut().rev() {
+        next = owner.or(next);
+        *owner = next;
+    }
+    owners
+}
+
+/// The waypoints of one seam, with the air moves that lead to it.
+pub(super) fn block(waypoints: &[Waypoint], seam: usize) -> std::ops::Range<usize> {
+    let owners = owners(waypoints);
+    let first = owners.iter().position(|owner| *owner == Some(seam)).unwrap_or(0);
+    let last = owners.iter().rposition(|owner| *owner == Some(seam));
+    first..last.map_or(first, |last| last + 1)
+}
+
+fn faults(waypoint: &Waypoint, check: &Check, setup: &FeasibilitySetup) -> Vec<(ProblemKind, f64)> {
+    let mut faults = Vec::new();
+    match (&setup.robot, &check.joints) {
+        (Some(robot), None) => {
+            let from_base = robot.base_from_robot.inverse() * waypoint.position_mm;
+            faults.push((ProblemKind::OutOfReach, from_base.coords.norm()));
+        }
+        (Some(_), Some(joints)) => {
+            let jumps = joints.step_rad > branch::JUMP_RAD;
+            let rules = [
+                (ProblemKind::Limit, joints.margin_rad < 0.0, joints.margin_rad.to_degrees()),
+                (ProblemKind::Jump, jumps, joints.step_rad.to_degrees()),
+                (ProblemKind::Speed, !jumps && joints.speed_share > 1.0, joints.speed_share),
+                (ProblemKind::Singular, joints.dexterity < SINGULAR, joints.dexterity),
+            ];
+            faults.extend(rules.into_iter().filter(|rule| rule.1).map(|(kind, _, worst)| (kind, worst)));
+        }
+        (None, _) => {}
+    }
+    match check.clearance_mm {
+        Some(clearance_mm) if clearance_mm < 0.0 => faults.push((ProblemKind::Collision, clearance_mm)),
+        Some(clearance_mm) if clearance_mm < setup.clearance_mm => {
+            faults.push((ProblemKind::Close, clearance_mm))
+        }
+        _ => {}
+    }
+    faults
+}
+
+impl ProblemKind {
+    fn more_is_worse(self) -> bool {
+        matches!(self, Self::OutOfReach | Self::Jump | Self::Speed)
+    }
+}
+
+impl Problem {
+    /// Whether two runs overlap or nearly touch.
+    fn adjoins(&self, other: &Self) -> bool {
+        self.first <= other.last + 1 + MERGED && other.first <= self.last + 1 + MERGED
+    }
+
+    /// A sentence that names seam, waypoints and what to do.
+    pub fn words(&self, arm: &str) -> String {
+        let place = match (self.seam, self.first == self.last) {
+            (Some(seam), true) => format!("seam {seam}, waypoint {}", self.first),
+            (Some(seam), false) => format!("seam {seam}, waypoints {} to {}", self.first, self.last),
+            (None, _) => format!("waypoints {} to {}", self.first, self.last),
+        };
+        let worst = self.worst;
+        let what = match self.kind {
+            ProblemKind::OutOfReach => format!(
+                "no posture of {arm} brings the torch there, too far or too near (the tip is up to {worst:.0} mm from the \
+                 robot's base): move the part or the robot, or check [robot] and [tool] in the job file"
+            ),
+            ProblemKind::Limit => format!(
+                "a joint of {arm} would leave its range by {:.0} degrees: turn the torch about its axis, or move the part",
+                -worst
+            ),
+            ProblemKind::Jump => format!(
+                "the joints of {arm} would have to jump by {worst:.0} degrees: no single posture runs the program; turn the \
+                 torch about its axis, or weld the seams in separate programs"
+            ),
+            ProblemKind::Speed => format!(
+                "a joint of {arm} would have to turn at {:.0} % of its greatest speed, the arm passes a singularity: turn \
+                 the torch about its axis, or lower the feed",
+                100.0 * worst
+            ),
+            ProblemKind::Collision => format!(
+                "the torch is up to {:.1} mm inside what was scanned: change the work angle, use a smaller nozzle or a \
+                 longer stick-out, or check [torch_body] in the job file",
+                -worst
+            ),
+            ProblemKind::Singular => format!(
+                "{arm} is near a singularity (dexterity {worst:.3}): the joints turn fast and the tip may deviate; turn the \
+                 torch about its axis"
+            ),
+            ProblemKind::Close => {
+                format!("the torch comes as near as {worst:.1} mm to what was scanned: watch it in a dry run")
+            }
+        };
+        format!("{place}: {what}")
+    }
+}

@@ -1,0 +1,257 @@
+//! The torch as a chain of cylinders and cones, and how far it stays from the scanned points.
+//!
+//! The wire is no part of it: everything nearer to the seam than the nozzle is the weld zone, and touching there is the
+//! purpose. Nothing else is left out, so the faces of a narrow groove or an acute corner count as they should.
+
+use nalgebra::{Point3, UnitQuaternion, Vector3};
+
+use weldpath_method::geometry::cloud::PointCloud;
+use weldpath_method::geometry::grid::Grid;
+use weldpath_method::weld::air::terrain::Ball;
+
+/// Sizes of a torch, mm. Its axis is the torch axis `n`; the body behind the neck may be bent away from the travel.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Torch {
+    /// From the tip of the wire to the nozzle.
+    pub stickout_mm: f64,
+    /// Outer radius of the gas nozzle.
+    pub nozzle_radius_mm: f64,
+    /// Length of the gas nozzle.
+    pub nozzle_length_mm: f64,
+    /// Length of the cone from the nozzle to the body.
+    pub neck_length_mm: f64,
+    /// Angle of the neck: by so much the body leans from `n` toward `-m`, away from the travel.
+    pub neck_deg: f64,
+    /// Radius of the body.
+    pub body_radius_mm: f64,
+    /// Length of the body.
+    pub body_length_mm: f64,
+}
+
+impl Default for Torch {
+    /// A straight torch of usual size for gas-shielded welding.
+    fn default() -> Self {
+        Self {
+            stickout_mm: 15.0,
+            nozzle_radius_mm: 10.0,
+            nozzle_length_mm: 60.0,
+            neck_length_mm: 40.0,
+            neck_deg: 0.0,
+            body_radius_mm: 25.0,
+            body_length_mm: 150.0,
+        }
+    }
+}
+
+/// Nothing farther than this is looked at, mm.
+pub const SIGHT_MM: f64 = 15.0;
+/// Long sections are searched in pieces of at most this, mm.
+const PIECE_MM: f64 = 30.0;
+/// The clearance is that of the third nearest point: one or two flying pixels are no wall.
+const WALL_POINTS: usize = 3;
+const CELL_MM: f32 = 8.0;
+
+/// A cylinder or cone about a line.
+struct Section {
+    start_mm: Point3<f64>,
+    along: Vector3<f64>,
+    length_mm: f64,
+    radii_mm: [f64; 2],
+}
+
+impl Torch {
+    /// Balls that cover the torch, from the nozzle on, for the planning of air moves.
+    pub fn balls(&self) -> Vec<Ball> {
+        let sections = self.sections(&Point3::origin(), &UnitQuaternion::identity());
+        sections.iter().filter(|section| section.length_mm > 0.0).flat_map(Section::balls).collect()
+    }
+
+    fn sections(&self, tip_mm: &Point3<f64>, base_from_torch: &UnitQuaternion<f64>) -> [Section; 3] {
+        let n = base_from_torch * Vector3::z();
+        let (sin, cos) = self.neck_deg.to_radians().sin_cos();
+        let leaning = base_from_torch * Vector3::new(0.0, -sin, cos);
+        let nozzle_mm = tip_mm + n * self.stickout_mm;
+        let neck_mm = nozzle_mm + n * self.nozzle_length_mm;
+        let body_mm = neck_mm + leaning * self.neck_length_mm;
+        let (nozzle, body) = (self.nozzle_radius_mm, self.body_radius_mm);
+        let section = |start_mm, along, length_mm, radii_mm| Section { start_mm, along, length_mm, radii_mm };
+        [
+            section(nozzle_mm, n, self.nozzle_length_mm, [nozzle, nozzle]),
+            section(neck_mm, leaning, self.neck_length_mm, [nozzle, body]),
+            section(body_mm, leaning, self.body_length_mm, [body, body]),
+        ]
+    }
+}
+
+impl Section {
+    fn balls(&self) -> impl Iterator<Item = Ball> + '_ {
+        let [near, far] = self.radii_mm;
+        let pieces = (self.length_mm / near.max(far).max(1.0)).ceil().max(1.0);
+        let half_mm = 0.5 * self.length_mm / pieces;
+        (0..pieces as usize).map(move |k| {
+            let radius = |edge: usize| near + (far - near) * edge as f64 / pieces;
+            Ball {
+                centre_mm: self.start_mm.coords + self.along * (half_mm * (2 * k + 1) as f64),
+                radius_mm: radius(k).max(radius(k + 1)).hypot(half_mm),
+            }
+        })
+    }
+
+    /// Distance of a point from the solid, mm; inside, minus the distance to its side.
+    fn distance_mm(&self, point: &Point3<f64>) -> f64 {
+        let offset = point - self.start_mm;
+        let along = offset.dot(&self.along);
+        let radial = (offset - self.along * along).norm();
+        let [near, far] = self.radii_mm;
+        let (slope, radius) =
+            ((far - near) / self.length_mm, |at: f64| near + (far - near) * at / self.length_mm);
+        match along {
+            below if below < 0.0 => below.hypot((radial - near).max(0.0)),
+            above if above > self.length_mm => (above - self.length_mm).hypot((radial - far).max(0.0)),
+            _ => (radial - radius(along)) / slope.hypot(1.0),
+        }
+    }
+}
+
+/// The scanned points, ready to be asked.
+pub(super) struct Obstacles {
+    origin_mm: Point3<f64>,
+    grid: Grid,
+}
+
+impl Obstacles {
+    pub(super) fn new(model: &PointCloud) -> Self {
+        Self { origin_mm: model.origin_mm, grid: Grid::new(&model.points_mm, CELL_MM) }
+    }
+
+    /// Distance between the torch and the scanned points, mm; negative inside. None if nothing is within [`SIGHT_MM`].
+    pub(super) fn clearance_mm(
+        &self,
+        torch: &Torch,
+        tip_mm: &Point3<f64>,
+        base_from_torch: &UnitQuaternion<f64>,
+    ) -> Option<f64> {
+        let tip_mm = tip_mm - self.origin_mm.coords;
+        let mut nearest = [(usize::MAX, SIGHT_MM); WALL_POINTS];
+        for section in torch.sections(&tip_mm, base_from_torch).iter().filter(|s| s.length_mm > 0.0) {
+            let pieces = (section.length_mm / PIECE_MM).ceil().max(1.0);
+            let half_mm = 0.5 * section.length_mm / pieces;
+            let reach_mm = half_mm.hypot(section.radii_mm[0].max(section.radii_mm[1]) + SIGHT_MM);
+            for k in 0..pieces as usize {
+                let middle = section.start_mm + section.along * (half_mm * (2 * k + 1) as f64);
+                self.grid.within(&middle.cast(), reach_mm as f32, |slot, _| {
+                    keep(&mut nearest, slot, section.distance_mm(&self.grid.point(slot).cast()));
+                });
+            }
+        }
+        let [.., (slot, last)] = nearest;
+        (slot != usize::MAX).then_some(last)
+    }
+}
+
+/// Keeps the nearest points in order, each once.
+fn keep(nearest: &mut [(usize, f64); WALL_POINTS], slot: usize, distance_mm: f64) {
+    let known = nearest.iter().position(|(other, _)| *other == slot);
+    let place = known.unwrap_or(WALL_POINTS - 1);
+    if distance_mm < nearest[place].1 {
+        nearest[place] = (slot, distance_mm);
+        nearest.sort_by(|a, b| a.1.total_cmp(&b.1));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::f64::consts::FRAC_PI_4;
+
+    /// Two faces that meet in the y axis: each rises by `half_deg` less than 90 degrees from the vertical plane between them.
+    fn corner(half_deg: f64) -> PointCloud {
+        let (sin, cos) = half_deg.to_radians().sin_cos();
+        let mut points_mm = Vec::new();
+        for i in 0..120 {
+            for j in -60..=60 {
+                let (a, y) = (f64::from(i), f64::from(j));
+                points_mm.push(Point3::new(a * sin, y, a * cos).cast());
+                points_mm.push(Point3::new(-a * sin, y, a * cos).cast());
+            }
+        }
+        let normals = vec![Vector3::z(); points_mm.len()];
+        PointCloud { origin_mm: Point3::origin(), points_mm, normals }
+    }
+
+    fn clearance(half_deg: f64, torch: &Torch, turn: UnitQuaternion<f64>) -> Option<f64> {
+        Obstacles::new(&corner(half_deg)).clearance_mm(torch, &Point3::origin(), &turn)
+    }
+
+    #[test]
+    fn in_a_right_corner_the_nozzles_rim_is_as_far_from_the_faces_as_geometry_says() {
+        let torch = Torch { body_radius_mm: 10.0, ..Torch::default() };
+        // The rim is at (10, 15) mm; a face at 45 degrees passes (15 - 10)/sqrt 2 below it.
+        let found = clearance(45.0, &torch, UnitQuaternion::identity()).unwrap();
+        assert!((found - 5.0 * FRAC_PI_4.cos()).abs() < 0.6, "{found}");
+        assert!(found >= 5.0 * FRAC_PI_4.cos() - 1e-3);
+    }
+
+    #[test]
+    fn in_an_acute_corner_the_same_nozzle_is_inside_the_faces() {
+        let found = clearance(25.0, &Torch::default(), UnitQuaternion::identity()).unwrap();
+        assert!(found < -2.0, "{found}");
+        let long =
+            Torch { stickout_mm: 40.0, nozzle_radius_mm: 6.0, body_radius_mm: 6.0, ..Torch::default() };
+        assert!(clearance(25.0, &long, UnitQuaternion::identity()).unwrap() > 5.0);
+    }
+
+    #[test]
+    fn the_wire_may_touch_and_an_empty_scan_is_free() {
+        let flat = corner(90.0);
+        let torch = Torch { stickout_mm: 12.0, ..Torch::default() };
+        let found = Obstacles::new(&flat)
+            .clearance_mm(&torch, &Point3::origin(), &UnitQuaternion::identity())
+            .unwrap();
+        assert!(
+            (found - 12.0).abs() < 1e-6,
+            "over a flat face the nozzle is as high as the wire is long: {found}"
+        );
+        let none = Obstacles::new(&PointCloud::default());
+        assert_eq!(
+            none.clearance_mm(&Torch::default(), &Point3::origin(), &UnitQuaternion::identity()),
+            None
+        );
+    }
+
+    #[test]
+    fn a_bent_neck_reaches_the_wall_behind_and_turned_about_its_axis_it_does_not() {
+        let bent = Torch { neck_deg: 60.0, ..Torch::default() };
+        let wall = |y: f64| {
+            let points_mm: Vec<Point3<f32>> = (0..60)
+                .flat_map(|x| (0..300).map(move |z| Point3::new(x as f32 - 30.0, y as f32, z as f32)))
+                .collect();
+            PointCloud {
+                origin_mm: Point3::origin(),
+                normals: vec![Vector3::z(); points_mm.len()],
+                points_mm,
+            }
+        };
+        let behind = Obstacles::new(&wall(-80.0));
+        let turned = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), std::f64::consts::PI);
+        let at = |turn: &UnitQuaternion<f64>| behind.clearance_mm(&bent, &Point3::origin(), turn);
+        assert!(at(&UnitQuaternion::identity()).unwrap() < 0.0);
+        assert_eq!(at(&turned), None);
+    }
+
+    #[test]
+    fn two_stray_points_are_no_wall_and_a_third_is() {
+        let stray = |n: usize| {
+            let points_mm: Vec<Point3<f32>> =
+                (0..n).map(|i| Point3::new(0.0, 0.0, 40.0 + i as f32)).collect();
+            let model = PointCloud { origin_mm: Point3::origin(), normals: vec![Vector3::z(); n], points_mm };
+            Obstacles::new(&model).clearance_mm(
+                &Torch::default(),
+                &Point3::origin(),
+                &UnitQuaternion::identity(),
+            )
+        };
+        assert_eq!(stray(2), None);
+        assert!(stray(3).unwrap() < -9.0);
+    }
+}

@@ -1,0 +1,330 @@
+//! What stands against running a plan (ours): found in what the scan, the registration, the seams and the program themselves
+//! say. The words of each reason, and what to do, are in `docs/troubleshooting.md`.
+//!
+//! Millimetres, degrees where people read them; the scan's base frame.
+
+use std::collections::BTreeSet;
+
+use nalgebra::{Point3, Vector3};
+
+use crate::output::frame::PathFrame;
+use crate::output::verdict::{Finding, ReasonId};
+use crate::robot::feasibility::problem::{Problem, ProblemKind};
+use crate::run::job::Job;
+use weldpath_method::geometry::cloud::PointCloud;
+use weldpath_method::geometry::grid::Grid;
+use weldpath_method::input::{CloudFrame, DoubtKind, Scan};
+use weldpath_method::pipeline::{HandEyeError, Misfit, Plan, ViewReport};
+use weldpath_method::seam::Seam;
+use weldpath_method::seam::measure::dimension::Quantity;
+use weldpath_method::weld::SeamPath;
+
+/// A seam whose error is larger is not welded: half of what a wire of 1.2 mm and its arc bridge on either side.
+const MOST_ERROR_MM: f64 = 1.0;
+/// Of a thin plate it is a third, beside which the arc still melts both members; and not less than this, which the best
+/// depth cameras just reach.
+const PLATE_SHARE: f64 = 1.0 / 3.0;
+const LEAST_LIMIT_MM: f64 = 0.5;
+/// Views that turn by less than this, degrees, show nothing of the hand-eye transform: an error of it by 100 mm moves two
+/// of them apart by 17 mm, which is as far as registration pulls views together without a word.
+const LEAST_TURN_DEG: f64 = 10.0;
+/// From two views and this share of all that do not fit on, it is not they that are wrong: one gross error in five to eight
+/// views is an accident. Poses of other images, a wrong depth scale, a turned camera and a tool in place of the flange
+/// made two of six or more of them misfits on all six joints that were tried, and left the others together by chance.
+const MISFITS_SHARE: f64 = 0.25;
+/// Two views against one are no majority: work that ties a direction loosely, such as a groove, lets any two agree.
+const LEAST_FITTING: usize = 3;
+/// The tip may be so far inside what was scanned, mm: a root below the groove faces' ends and a step of the voxels are
+/// no mistake.
+const MOST_INSIDE_MM: f64 = 3.0;
+/// So many points of a pass in a row, so that a flying pixel is no work.
+const INSIDE_POINTS: usize = 3;
+/// Points of the model about a place, mm.
+const ABOUT_MM: f32 = 30.0;
+/// A seam lies in what was scanned, and winds less often than this across it.
+const OUTSIDE_MM: f64 = 10.0;
+const MOST_WINDINGS: f64 = 4.0;
+
+/// Reasons that discredit the scan as a whole: whatever is found in it lies on views that do not belong together, or are not
+/// where they are said to be.
+const DISCREDITING: &[ReasonId] = &[
+    ReasonId::ViewsDisagree,
+    ReasonId::PosesDoNotBelong,
+    ReasonId::HandEyeWrong,
+    ReasonId::DepthScale,
+    ReasonId::Units,
+    ReasonId::Angles,
+    ReasonId::TransformInverted,
+    ReasonId::BeyondScan,
+];
+/// Confidence that a seam found in such a scan keeps at most: of 67 that were found in 42 of them (seven mistakes on six
+/// simulated pieces) none lay on a weld within its stated error, and (0 + 1) / (67 + 2) is what that leaves (Laplace).
+const DISCREDITED_CONFIDENCE: f64 = 0.015;
+
+/// A seam is not surer than the scan that it stands on, whatever the job accepts.
+pub(crate) fn lower_confidence(plan: &mut Plan, scan: &Scan) {
+    let mut found = of_doubts(scan);
+    found.extend(of_views(&plan.derived.views, plan.derived.hand_eye.as_ref()));
+    found.extend(beyond_scan(plan));
+    if found.iter().any(|finding| DISCREDITING.contains(&finding.id)) {
+        plan.seams.iter_mut().for_each(|seam| seam.confidence = seam.confidence.min(DISCREDITED_CONFIDENCE));
+    }
+}
+
+/// What cannot well be true of the input.
+fn of_doubts(scan: &Scan) -> Vec<Finding> {
+    let doubt = |kind: DoubtKind| match kind {
+        DoubtKind::Units => ReasonId::Units,
+        DoubtKind::Angles => ReasonId::Angles,
+        DoubtKind::DepthScale => ReasonId::DepthScale,
+        DoubtKind::Direction => ReasonId::TransformInverted,
+    };
+    scan.doubts.iter().map(|one| Finding::new(doubt(one.kind), one.words.clone())).collect()
+}
+
+/// What the input alone says.
+pub fn of_scan(scan: &Scan, job: &Job) -> Vec<Finding> {
+    let mut found = of_doubts(scan);
+    found.extend(match scan.frame {
+        CloudFrame::Base => None,
+        CloudFrame::Camera if job.formats.0.is_empty() => None,
+        CloudFrame::Camera => Some(Finding::new(
+            ReasonId::CameraFrame,
+            "the coordinates are those of the camera: nothing says where the robot stands",
+        )),
+        CloudFrame::Unknown => Some(Finding::new(
+            ReasonId::FrameUnknown,
+            "nothing says that the coordinates are those of the robot's base: a mesh, or a cloud merged elsewhere",
+        )),
+    });
+    found
+}
+
+impl From<CloudFrame> for PathFrame {
+    fn from(frame: CloudFrame) -> Self {
+        match frame {
+            CloudFrame::Base => Self::Base,
+            CloudFrame::Camera => Self::Camera,
+            CloudFrame::Unknown => Self::Unknown,
+        }
+    }
+}
+
+/// What the plan says, before anything is made of it.
+pub fn of_plan(plan: &Plan, job: &Job) -> Vec<Finding> {
+    let mut found = of_views(&plan.derived.views, plan.derived.hand_eye.as_ref());
+    found.extend(of_seams(plan));
+    found.extend(plan.said.unmet.iter().map(|words| Finding::new(ReasonId::AskedNotThere, words.clone())));
+    found.extend(plan.said.undrawn.iter().map(|words| Finding::new(ReasonId::DrawnNotThere, words.clone())));
+    if plan.derived.orientation_assumed {
+        let words = "the cloud looks nearly alike from both sides, and one is assumed: see that the torch is on the side of the air, or \
+                     give --camera x,y,z, views with poses, or a cloud with normals";
+        found.push(Finding::new(ReasonId::SideAssumed, words));
+    }
+    found.extend(of_base_frame(plan));
+    if job.tool.is_none() {
+        let words = "no [tool] is given: the TCP that is set on the controller has to be the tip of the wire";
+        found.push(Finding::new(ReasonId::ToolNotStated, words));
+    }
+    found
+}
+
+/// Seams that are found but not welded: over the limit, or perhaps contacts with what holds the work, and not accepted.
+///
+/// Where all are over the limit the plan is refused, and none is left out, so that the files show what was found.
+pub fn left_out(plan: &Plan, job: &Job) -> BTreeSet<usize> {
+    let keeps_out = [ReasonId::SeamUncertain, ReasonId::MayBeContact];
+    let out = |finding: &Finding| keeps_out.contains(&finding.id) && !job.accept.contains(&finding.id);
+    of_seams(plan).into_iter().filter(out).filter_map(|finding| finding.seam).collect()
+}
+
+fn of_views(views: &[ViewReport], hand_eye: Option<&HandEyeError>) -> Vec<Finding> {
+    let mut found = Vec::new();
+    let fits = |view: &&ViewReport| view.misfit.is_none();
+    let repeated = |view: &ViewReport| matches!(view.misfit, Some(Misfit::Repeated { .. }));
+    // One that overlaps no other cannot agree with any, whatever its pose.
+    let fitting = views.iter().filter(|view| fits(view) && view.complaint.is_none()).count();
+    let misfits = views.iter().filter(|view| !fits(view) && !repeated(view)).count();
+    let names = || {
+        let out: Vec<&str> = views.iter().filter(|view| !fits(view)).map(|view| view.name.as_str()).collect();
+        out.join(", ")
+    };
+    if views.len() > 1 && fitting < 2 {
+        let words =
+            format!("of {} views no two agree: check poses, hand-eye transform and depth scale", views.len());
+        found.push(Finding::new(ReasonId::ViewsDisagree, words));
+    } else if misfits > 0
+        && (misfits > 1 || fitting < LEAST_FITTING)
+        && misfits as f64 >= MISFITS_SHARE * views.len() as f64
+    {
+        let words = format!(
+            "{misfits} of {} views {} not fit the others ({}): the poses are not those of the images",
+            views.len(),
+            if misfits == 1 { "does" } else { "do" },
+            names()
+        );
+        found.push(Finding::new(ReasonId::PosesDoNotBelong, words));
+    } else {
+        found.extend(views.iter().filter_map(|view| {
+            let words = format!("{} is left out: it {}", view.name, view.left_out.as_ref()?);
+            Some(Finding::new(ReasonId::ViewLeftOut, words))
+        }));
+    }
+    found.extend(views.iter().filter_map(|view| {
+        Some(Finding::new(ReasonId::ViewUnregistered, format!("{} {}", view.name, view.complaint.as_ref()?)))
+    }));
+    found.extend(hand_eye.filter(|error| error.is_gross()).map(hand_eye_wrong));
+    found.extend(hand_eye_untested(views));
+    found
+}
+
+fn hand_eye_wrong(error: &HandEyeError) -> Finding {
+    let words = format!(
+        "the views agree best if the camera is {:.0} mm and {:.0} deg from where the hand-eye transform puts it: is it a TCP's \
+         pose that is given as the flange's, or another camera's transform?",
+        error.shift_mm, error.turn_deg
+    );
+    Finding::new(ReasonId::HandEyeWrong, words)
+}
+
+fn hand_eye_untested(views: &[ViewReport]) -> Option<Finding> {
+    let turns: Vec<_> =
+        views.iter().filter(|view| view.misfit.is_none()).map(|view| view.reported.rotation).collect();
+    let widest = turns.iter().enumerate().flat_map(|(k, a)| turns[..k].iter().map(move |b| a.angle_to(b)));
+    let widest_deg = widest.fold(0.0, f64::max).to_degrees();
+    let words = format!(
+        "the views turn by {widest_deg:.1} deg only: a wrong hand-eye transform, or the pose of a tool in place of the \
+         flange's, would not show"
+    );
+    (turns.len() > 1 && widest_deg < LEAST_TURN_DEG).then(|| Finding::new(ReasonId::HandEyeUntested, words))
+}
+
+/// Largest error with which this seam is welded, mm.
+fn limit_mm(seam: &Seam) -> f64 {
+    let thickness = seam.dimensions.iter().find(|d| d.quantity == Quantity::SheetThickness);
+    let thickness_mm = thickness.and_then(|d| d.value.as_ref().ok()).map(|measured| measured.value);
+    thickness_mm.map_or(MOST_ERROR_MM, |mm| (PLATE_SHARE * mm).clamp(LEAST_LIMIT_MM, MOST_ERROR_MM))
+}
+
+fn of_seams(plan: &Plan) -> Vec<Finding> {
+    let over = |seam: &&Seam| seam.relative_error_mm.is_nan() || seam.relative_error_mm > limit_mm(seam);
+    let uncertain: Vec<&Seam> = plan.seams.iter().filter(over).collect();
+    let words = |seam: &Seam| {
+        format!(
+            "its expected error within the scan of {:.2} mm is over {:.2} mm",
+            seam.relative_error_mm,
+            limit_mm(seam)
+        )
+    };
+    let mut found = Vec::new();
+    if !uncertain.is_empty() && uncertain.len() == plan.seams.len() {
+        found.extend(
+            uncertain.iter().map(|seam| Finding::of_seam(ReasonId::ErrorOverLimit, seam.id, words(seam))),
+        );
+    } else {
+        let left_out = |seam: &&Seam| {
+            Finding::of_seam(ReasonId::SeamUncertain, seam.id, words(seam) + ": it is not welded")
+        };
+        found.extend(uncertain.iter().map(left_out));
+    }
+    let contact = |seam: &Seam| {
+        let words = format!("{}. It is not welded", seam.contact?.words());
+        Some(Finding::of_seam(ReasonId::MayBeContact, seam.id, words))
+    };
+    found.extend(plan.seams.iter().filter_map(contact));
+    let drawn = |seam: &Seam| {
+        let words = "it is drawn by hand: nothing that was measured says that there is a seam. See that the line is where it is meant";
+        Finding::of_seam(ReasonId::Drawn, seam.id, words)
+    };
+    found.extend(plan.seams.iter().filter(|seam| seam.drawn).map(drawn));
+    found.extend(beyond_scan(plan));
+    found
+}
+
+/// The seam that is worst known in the base frame against its limit, where that is over the limit; none where the job takes
+/// the first view's pose as the frame and others bear out the camera.
+fn of_base_frame(plan: &Plan) -> Option<Finding> {
+    let cell = plan.derived.base_frame.as_ref();
+    if cell.is_none() && plan.derived.views.len() > 1 {
+        return None;
+    }
+    let ratio = |seam: &&Seam| seam.base_error_mm / limit_mm(seam);
+    let worst = plan.seams.iter().max_by(|a, b| ratio(a).total_cmp(&ratio(b)))?;
+    let words = || {
+        let more = match cell {
+            Some(cell) if cell.is_scattered() => format!(
+                "; the reported poses scatter by {:.1} mm and {:.2} deg, more than stated of the robot",
+                cell.robot_mm, cell.robot_deg
+            ),
+            None => "; one view shows nothing of what the camera itself errs".into(),
+            Some(_) => String::new(),
+        };
+        format!(
+            "the tip may be off by {:.1} mm (one standard deviation) in the robot's base frame, over {:.2} mm{more}",
+            worst.base_error_mm,
+            limit_mm(worst),
+        )
+    };
+    (ratio(&worst) > 1.0).then(|| Finding::of_seam(ReasonId::BaseErrorOverLimit, worst.id, words()))
+}
+
+/// Seams that leave the scan, or are longer than it is wide.
+fn beyond_scan(plan: &Plan) -> Vec<Finding> {
+    let model = &plan.model;
+    let Some(first) = model.points_mm.first().copied() else { return Vec::new() };
+    let (low, high) = model.points_mm.iter().fold((first, first), |(low, high), p| (low.inf(p), high.sup(p)));
+    let [low, high] = [low, high].map(|corner: Point3<f32>| model.origin_mm + corner.coords.cast::<f64>());
+    let wide_mm = (high - low).norm();
+    let margin = Vector3::repeat(OUTSIDE_MM);
+    let (low, high) = (low - margin, high + margin);
+    let outside = |p: &Point3<f64>| (0..3).any(|k| !(low[k]..=high[k]).contains(&p[k]));
+    let beyond = |seam: &&Seam| {
+        seam.length_mm() > MOST_WINDINGS * wide_mm || seam.stations.iter().any(|s| outside(&s.position_mm))
+    };
+    let finding = |seam: &Seam| {
+        let words =
+            format!("it is {:.0} mm long in a scan of {wide_mm:.0} mm, or leaves it", seam.length_mm());
+        Finding::of_seam(ReasonId::BeyondScan, seam.id, words)
+    };
+    plan.seams.iter().filter(beyond).map(finding).collect()
+}
+
+/// Passes whose tip is inside what was scanned.
+pub(crate) fn tips_inside(paths: &[SeamPath], model: &PointCloud) -> Vec<Finding> {
+    let grid = Grid::new(&model.points_mm, 0.25 * ABOUT_MM);
+    let depth_mm = |place: &Point3<f64>| -> f64 {
+        let place = (place - model.origin_mm.coords).cast::<f32>();
+        let nearest = grid.nearest(&place, ABOUT_MM, |_| true);
+        nearest.map_or(0.0, |(slot, _)| {
+            let k = grid.index(slot);
+            f64::from(-model.normals[k].dot(&(place - model.points_mm[k])))
+        })
+    };
+    let mut found = Vec::new();
+    for path in paths {
+        let depths: Vec<f64> = path.points.iter().map(|point| depth_mm(&point.position_mm)).collect();
+        let least = |run: &[f64]| run.iter().copied().fold(f64::INFINITY, f64::min);
+        let deepest_mm = depths.windows(INSIDE_POINTS).map(least).fold(0.0, f64::max);
+        if deepest_mm > MOST_INSIDE_MM && found.iter().all(|one: &Finding| one.seam != Some(path.seam)) {
+            let words =
+                format!("the tip would be {deepest_mm:.1} mm inside what was scanned: check the stand-off");
+            found.push(Finding::of_seam(ReasonId::TipInside, path.seam, words));
+        }
+    }
+    found
+}
+
+/// What the check of torch and arm found.
+pub(crate) fn of_problems(problems: &[Problem], arm: &str) -> Vec<Finding> {
+    let fatal = problems.iter().filter(|problem| problem.kind.is_fatal());
+    let finding = |problem: &Problem| {
+        let id = match problem.kind {
+            ProblemKind::Collision => ReasonId::TorchCollision,
+            _ => ReasonId::Infeasible,
+        };
+        let words = problem.words(arm);
+        let named = problem.seam.map(|seam| format!("seam {seam}, ")).unwrap_or_default();
+        Finding { id, words: words.strip_prefix(&named).unwrap_or(&words).to_owned(), seam: problem.seam }
+    };
+    fatal.map(finding).collect()
+}

@@ -1,0 +1,107 @@
+//! The method on one page: the paper's Fig. 1 from views to torch paths.
+
+pub mod background;
+pub mod calibration;
+mod config;
+pub mod exclusion;
+mod merged;
+mod reconstruction;
+mod result;
+mod scale_search;
+mod stages;
+mod survey;
+pub mod tacks;
+pub mod touch;
+
+use self::exclusion::Scene;
+use self::reconstruction::Reconstruction;
+use self::stages::Stages;
+use crate::geometry::cloud::View;
+use crate::geometry::grid::Grid;
+use crate::seam::measure::coverage;
+use crate::weld::SeamPath;
+
+pub use self::config::{Config, MergeConfig, Method, SearchConfig, Wishes};
+pub use self::merged::MergedViews;
+pub use self::result::{Derivation, Parameter, Plan, PlanError, Remarks};
+pub use self::stages::{Evidence, Observer, Step};
+pub use self::survey::Survey;
+pub use crate::model::agreement::{HandEyeError, Misfit, ViewReport};
+pub use crate::model::base_frame::{
+    Anchor, BaseFrame, Calibration, CameraFinding, CellAccuracy, HandEyeCorrection,
+};
+pub use crate::model::camera::CameraErrors;
+
+/// Cells in which the raw points are looked up, mm: what seams and their surroundings ask for is a few times as large.
+pub const RAW_CELL_MM: f32 = 5.0;
+
+/// From views to torch paths: the paper's Fig. 1 step by step.
+///
+/// ```
+/// use std::path::Path;
+/// use weldpath::{input, pipeline};
+///
+/// // A level plate of 40 by 40 mm and nothing on it: no seam, and a reason why.
+/// let rows = (0..1600).map(|i| format!("{} {} {}\n", i % 40, i / 40, 0.001 * f64::from(i % 7)));
+/// let bytes = rows.collect::<String>().into_bytes();
+/// let options = input::Options { units: input::Units::Millimetres, ..Default::default() };
+/// let scan = input::read_bytes(bytes, Path::new("plate.xyz"), &options)?;
+/// let planned = pipeline::plan(&scan.views, &pipeline::Config::default(), &mut ());
+/// assert!(planned.unwrap_err().to_string().starts_with("no seam found: "));
+/// # Ok::<(), input::Error>(())
+/// ```
+pub fn plan(views: &[View], config: &Config, observer: &mut dyn Observer) -> Result<Plan, PlanError> {
+    plan_from(&mut Kept::default(), views, config, observer)
+}
+
+/// As [`plan`], from the steps that an earlier plan of the same views left in `kept`; it leaves its own there, even if it fails.
+/// A step may be kept as long as its settings and those of the steps before it are the same.
+pub fn plan_from(
+    kept: &mut Kept,
+    views: &[View],
+    config: &Config,
+    observer: &mut dyn Observer,
+) -> Result<Plan, PlanError> {
+    let Config { method, merge, search, wishes } = config;
+    let stages = &mut Stages::new(observer);
+
+    let merged = stages.keep(&mut kept.merged, |stages| {
+        let reconstruction = Reconstruction::new(views, *method, merge, stages)?; // II-C, eqs. (1)-(9), (20)
+        Ok(MergedViews::new(reconstruction, &merge.downsampling, stages))
+    })?;
+    let survey = stages.keep(&mut kept.survey, |stages| {
+        let scene = stages.time("exclusion", || Scene::new(&merged, &search.exclusion, *method, merge))?;
+        let raw = stages.time("index", || Grid::new(&scene.work(&merged.cloud).points_mm, RAW_CELL_MM));
+        let sought = merged.search(&scene, &raw, *method, &search.seam);
+        let (result, ground) = tacks::sought_without(&sought, &merged.scale, stages)?; // II-D, II-E, eqs. (10)-(17)
+        Ok(Survey { scene, raw, ground, result })
+    })?;
+
+    let sought = survey.search(&merged, *method, &search.seam);
+    let mut result = survey.result.clone();
+    let (unmet, undrawn) = sought.grant(wishes, &mut result, stages);
+    survey.scene.trim(&mut result.found, &merged.views);
+    survey.scene.show(&merged.cloud, &result, sought.raw, stages.observer);
+    if result.found.seams.is_empty() {
+        let reason = [vec![result.found.reason], unmet, undrawn].concat().join("; ");
+        return Err(result::no_seam(survey.scene.reason(&merged.cloud, reason)));
+    }
+    let seams = &result.found.seams;
+    let paths = stages.stage("toolpath", || seams.iter().map(SeamPath::along).collect()); // II-F
+    let gaps = || coverage::gaps(seams, sought.merged, sought.raw, sought.cameras_known());
+    let coverage = stages.time("coverage", gaps);
+    let tacks = survey.tacks(seams);
+    let said = Remarks { warnings: survey.warnings(&merged, &result, &tacks, &coverage), unmet, undrawn };
+    let derived = survey.derived(&merged, &result, &stages.times);
+    let model = result.model.scene().1.clone();
+    Ok(Plan { model, seams: result.found.seams, paths, coverage, tacks, derived, said })
+}
+
+/// The steps of a plan that the next one may go on from; they are as large as the scan.
+#[derive(Clone, Default)]
+pub struct Kept {
+    /// Depends on [`Config::method`] and [`Config::merge`].
+    pub merged: Option<Step<MergedViews>>,
+    /// Depends on [`Config::search`] as well.
+    pub survey: Option<Step<Survey>>,
+}

@@ -1,0 +1,259 @@
+//! Seams: what they are, and how they are found in a cloud.
+//!
+//! | room | what happens there | paper |
+//! |---|---|---|
+//! | [`input`] | what the steps before hand over | |
+//! | [`score`] | how much of an edge each point is | II-E, eqs. (11)-(17) |
+//! | [`trace`] | corners of two faces at the best scored points, strung together | ours |
+//! | [`refine`] | each chain fitted anew to the raw points, below the voxel | ours |
+//! | [`measure`] | kind of joint, fit-up, and how well the seam was seen | ours |
+//! | [`extraction`] | the rooms in a row: seams of a cloud | II-E, and beyond it |
+//! | [`asked`] | a seam that the search passed over, where a person clicked | ours |
+//! | [`drawn`] | a line that a person draws on the surface | ours |
+//! | [`facets`] | seams of a mesh, from its facets | ours |
+//!
+//! Of the paper's edge score the default takes the intensity, eqs. (11) and (12), with a gate of its own; the ratio test,
+//! eqs. (13)-(17), is [`score::paper`].
+
+pub mod asked;
+mod confidence;
+mod description;
+pub mod drawn;
+mod error;
+pub mod extraction;
+pub mod facets;
+pub mod input;
+pub mod measure;
+mod ordering;
+pub mod refine;
+pub mod score;
+pub mod trace;
+
+pub use error::ErrorParts;
+pub use input::{Cues, INDEX_VOXELS, Input, RawScan, SurfaceModel};
+
+use crate::model::orientation::Orientation;
+use measure::dimension::Dimension;
+use nalgebra::{Point3, Vector3};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// Joint type of a seam; the names are the same in files, options and messages.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Joint {
+    /// Two bevels that meet below the surface of the plates.
+    ButtV,
+    /// Two faces of different members at an inside corner.
+    Fillet,
+    /// The edge of a plate that lies on another.
+    Lap,
+    /// The outside corner of two plates: both faces are plate edges.
+    Corner,
+    /// A tube that stands on a flat face: a closed fillet.
+    Pipe,
+    /// A tube that stands on a curved face: a closed fillet off the plane.
+    Saddle,
+    /// A seam that meets others in a junction.
+    Branch,
+}
+
+impl Joint {
+    /// The name used in every file, option and message.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::ButtV => "butt-v",
+            Self::Fillet => "fillet",
+            Self::Lap => "lap",
+            Self::Corner => "corner",
+            Self::Pipe => "pipe",
+            Self::Saddle => "saddle",
+            Self::Branch => "branch",
+        }
+    }
+}
+
+/// One place on a seam.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Station {
+    /// Where the two adjoining faces meet, mm, base frame.
+    pub position_mm: Point3<f64>,
+    /// Unit tangent, in the direction of the weld.
+    pub tangent: Vector3<f64>,
+    /// Unit normals of the two adjoining faces, out of the material. Their bisector is the torch direction.
+    pub faces: [Vector3<f64>; 2],
+}
+
+/// What else than a joint two faces that meet may be.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Contact {
+    /// The work is held there, or it is of what holds it.
+    Held,
+    /// The work rests there on a table: one view does not tell the two from a web on its plate.
+    Table,
+}
+
+impl Contact {
+    /// The same in words.
+    pub const fn words(self) -> &'static str {
+        match self {
+            Self::Held => {
+                "it may be where the work is held, or of what holds it: the faces on both sides of the work look at each other and \
+                 nothing else ties them to it"
+            }
+            Self::Table => {
+                "it may be where the work rests on the table: one of its faces reaches farther all round than what stands on it, or \
+                 out of the picture under what lies on it, and nothing near is seen below"
+            }
+        }
+    }
+}
+
+/// A weldable seam, ordered as it is welded.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Seam {
+    /// 1, 2, ... in the order in which the seams are offered.
+    pub id: usize,
+    /// What kind of joint.
+    pub joint: Joint,
+    /// Why this joint type, in words.
+    pub reason: String,
+    /// Stations in weld order; a closed seam does not repeat its first.
+    pub stations: Vec<Station>,
+    /// Whether the last station is followed by the first.
+    pub closed: bool,
+    /// 0..1: the probability that this is a weld, within twice its stated error.
+    pub confidence: f64,
+    /// Expected RMSE of the position across the seam, mm.
+    pub expected_error_mm: f64,
+    /// Expected RMSE of the torch orientation, degrees.
+    pub expected_error_deg: f64,
+    /// Expected RMSE across the seam relative to the views that saw it, mm: how well it is known on the part, wherever the part
+    /// may be.
+    pub relative_error_mm: f64,
+    /// What comes from where.
+    pub error_parts: ErrorParts,
+    /// One standard deviation of the position across the seam in the robot's base frame, both axes together, mm: the error
+    /// within the scan, and that of the frame. Not a number where nothing is known of the frame.
+    pub base_error_mm: f64,
+    /// The same of the torch orientation, degrees.
+    pub base_error_deg: f64,
+    /// Why it may be a contact, and not to be welded.
+    pub contact: Option<Contact>,
+    /// Whether a person drew it, and nothing that was found bears it out.
+    pub drawn: bool,
+    /// What was measured of the joint.
+    pub dimensions: Vec<Dimension>,
+    /// What the user should know about this seam.
+    pub warnings: Vec<String>,
+}
+
+impl Seam {
+    /// Marks it as what may be a contact.
+    pub(crate) fn mark_contact(&mut self, contact: Contact) {
+        self.contact = Some(contact);
+        self.be_at_most(confidence::CONTACT);
+    }
+
+    fn be_at_most(&mut self, confidence: f64) {
+        self.confidence = self.confidence.min(confidence);
+    }
+
+    /// Length along the stations, mm.
+    pub fn length_mm(&self) -> f64 {
+        let open: f64 = self.stations.windows(2).map(|w| (w[1].position_mm - w[0].position_mm).norm()).sum();
+        match (self.closed, self.stations.first(), self.stations.last()) {
+            (true, Some(first), Some(last)) => open + (first.position_mm - last.position_mm).norm(),
+            _ => open,
+        }
+    }
+
+    /// One standard deviation of the tip across the seam, mm: in the robot's base frame where that is known, else against the
+    /// first view.
+    pub fn tip_error_mm(&self) -> f64 {
+        if self.base_error_mm.is_finite() { self.base_error_mm } else { self.expected_error_mm }
+    }
+
+    /// The same of the torch orientation, degrees.
+    pub fn tip_error_deg(&self) -> f64 {
+        if self.base_error_deg.is_finite() { self.base_error_deg } else { self.expected_error_deg }
+    }
+
+    /// Whether a place is on it.
+    pub(crate) fn is_at(&self, place_mm: &Point3<f64>) -> bool {
+        self.stations.iter().any(|station| (station.position_mm - place_mm).norm() < AT_MM)
+    }
+
+    /// What one that is not offered is called: its length, of less than 10 mm to a tenth, and the place of its middle.
+    fn as_inside_corner(&self) -> String {
+        let place = self.stations.get(self.stations.len() / 2).map_or(Point3::origin(), |s| s.position_mm);
+        let decimals = usize::from(self.length_mm() < 10.0);
+        format!(
+            "an inside corner of {:.decimals$} mm near {:.0},{:.0},{:.0}",
+            self.length_mm(),
+            place.x,
+            place.y,
+            place.z
+        )
+    }
+}
+
+/// A place nearer to a station than this is on the seam, mm: about the distance of stations.
+const AT_MM: f64 = 3.0;
+
+/// Seams and what was left out on the way.
+#[derive(Debug, Clone, Default)]
+pub struct Found {
+    /// In the order of the weld, numbered from 1.
+    pub seams: Vec<Seam>,
+    /// What the user should know.
+    pub warnings: Vec<String>,
+    /// Why there is no seam, if there is none.
+    pub reason: String,
+    /// Whether the air side of the faces is assumed, as the cloud looks nearly alike from both.
+    pub orientation_assumed: bool,
+    /// Intensity gate, for the report.
+    pub gate: f32,
+    /// Edge intensity of each point of the model, for the report.
+    pub intensity: Vec<f32>,
+}
+
+/// How far from a seam the side of its faces is looked up, voxels.
+const SIDES_VOXELS: f32 = 4.0;
+
+impl Found {
+    /// Leaves out the seams on faces of which nobody knows the air side, and says so; is less sure of all where it is assumed.
+    /// `oriented` is of the model.
+    pub(crate) fn only_oriented(&mut self, oriented: &Orientation, model: &SurfaceModel) {
+        self.warnings.extend(oriented.words());
+        self.orientation_assumed = oriented.assumed;
+        let unknown = |station: &Station| {
+            let at = Point3::from((station.position_mm - model.cloud.origin_mm).cast::<f32>());
+            let nearest = model.index.nearest(&at, SIDES_VOXELS * model.voxel_mm(), |_| true);
+            nearest.is_some_and(|(slot, _)| oriented.unknown[model.index.index(slot)])
+        };
+        let known = |seam: &Seam| {
+            2 * seam.stations.iter().filter(|station| unknown(station)).count() <= seam.stations.len()
+        };
+        let (known, unknown): (Vec<_>, Vec<_>) = std::mem::take(&mut self.seams).into_iter().partition(known);
+        let words: Vec<String> = unknown.iter().map(side_unknown).collect();
+        if let (true, Some(first)) = (known.is_empty(), words.first()) {
+            self.reason.clone_from(first);
+        }
+        self.warnings.extend(words);
+        self.seams = known;
+        if oriented.assumed {
+            self.seams.iter_mut().for_each(|seam| seam.be_at_most(confidence::SIDE_ASSUMED));
+        }
+        (1..).zip(&mut self.seams).for_each(|(id, seam)| seam.id = id);
+    }
+}
+
+fn side_unknown(seam: &Seam) -> String {
+    format!(
+        "{} is not offered: it is unknown which side of its faces is air; give the views with their poses, or a cloud with \
+         normals",
+        seam.as_inside_corner()
+    )
+}

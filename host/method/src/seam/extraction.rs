@@ -1,0 +1,296 @@
+//! Seams of a cloud (paper II-E, and beyond it: several seams, types, order, accuracy below the voxel).
+//!
+//! Scores tell the candidates, two faces are fitted about each, and the corners in which they meet are strung together;
+//! each chain is refined on the raw points and measured. Where that finds nothing, other cues are tried if asked for.
+
+use super::description::{Identity, described, is_sure, left_out};
+use super::input::Input;
+use super::measure::dimension::Quantity;
+use super::measure::{fitup, grip, joint, resting};
+use super::ordering::{mark_branches, order};
+use super::refine::{RefineConfig, Refined, bend, expected, layers, overlap, rounds};
+use super::score::edges;
+use super::trace::chain::{self, TraceConfig, Traced};
+use super::trace::corner::{self, CornerConfig};
+use super::trace::step::{self, StepConfig, StepModel};
+use super::trace::support::{self, Support};
+use super::trace::{Chain, InsideCorner, loops, splice};
+use super::{Found, Joint, Seam, Station, facets};
+use crate::geometry::mesh::Mesh;
+use nalgebra::Isometry3;
+use rayon::prelude::*;
+
+/// Settings of the steps from cloud to seams, in their order.
+#[derive(Debug, Clone, Default)]
+pub struct SeamConfig {
+    /// Two faces about a candidate.
+    pub corner: CornerConfig,
+    /// Stringing corners together.
+    pub trace: TraceConfig,
+    /// Refinement on the raw points.
+    pub refine: RefineConfig,
+    /// Steps between parallel layers.
+    pub step: StepConfig,
+}
+
+/// Largest expected error of the position of a seam that was traced as a blurred valley, voxels. Chosen on the simulated
+/// scans.
+const BLURRED_ERROR_VOXELS: f64 = 0.15;
+/// Largest expected error of the position of a step, voxels.
+pub(super) const STEP_ERROR_VOXELS: f64 = 1.0;
+/// A lap and a step nearer to each other than this are one seam, voxels: a thin side leaves its foot this uncertain.
+const NEAR_VOXELS: f64 = 3.0;
+/// Sides of plates that are narrower are of sheet, voxels: those at both edges hold points of other faces, and normals are taken
+/// over three.
+const NARROW_VOXELS: f64 = 4.0;
+/// Ends of seams that are no farther apart meet in a junction, voxels.
+const JUNCTION_VOXELS: f64 = 6.0;
+/// Longest stretch without points in an arc that closes a loop, in the longest that is bridged elsewhere.
+const LOOP_GAPS: f32 = 2.0;
+/// Strip of a bevel next to its end that is left out where the root is open wide, voxels, and how often its end is sought.
+/// Chosen on the simulated scans.
+const OPEN_VOXELS: f32 = 0.4;
+const OPEN_ROUNDS: usize = 3;
+
+/// Weldable seams of a cloud.
+pub fn find(input: &Input, config: &SeamConfig) -> Found {
+    let v = input.model.voxel_mm();
+    let scores = edges::score(&input.model);
+    let table = support::find(input.scene);
+    let corner_config = config.corner.for_scan(&input.scan);
+    let corners = Corners::parted(corner::corners(&input.model, &scores, &corner_config), |c| {
+        table.is_some_and(|t| c.faces.iter().any(|face| t.is_face(face, &c.position)))
+    });
+    let seams = corner_seams(input, &corners, config);
+    let most_error_mm = if input.cues.blurred { BLURRED_ERROR_VOXELS * f64::from(v) } else { f64::INFINITY };
+    let (mut seams, mut unsure): (Vec<Seam>, Vec<Seam>) = seams
+        .into_iter()
+        .partition(|seam| is_sure(&input.scan, seam) && seam.relative_error_mm < most_error_mm);
+    let is_lap = |seam: &Seam| seam.joint == Joint::Lap;
+    if input.cues.steps && (seams.is_empty() || seams.iter().any(is_lap)) {
+        let mut steps = step_seams(input, table.as_ref(), config);
+        if !seams.is_empty() {
+            steps.retain(|step| {
+                is_elsewhere(step, &seams, v) || is_better(step, seams.iter().filter(|seam| is_lap(seam)), v)
+            });
+        }
+        for worse in [&mut seams, &mut unsure] {
+            worse.retain(|seam| !is_lap(seam) || !steps.iter().any(|step| is_beside(seam, step, v)));
+        }
+        seams.append(&mut steps);
+    }
+    mark_branches(&mut seams, JUNCTION_VOXELS * f64::from(v));
+    order(&mut seams);
+    let on_table = corners.on_table.iter().map(|corner| corner.position);
+    grip::mark_contacts(&mut seams, &corners.off_table, on_table, &input.model);
+    if let Some(table) = table.filter(|_| input.scan.is_one_view()) {
+        resting::mark_resting(&mut seams, &table, input);
+    }
+    if input.scan.cameras_known {
+        resting::mark_lying(&mut seams, table.as_ref(), input);
+    }
+    Found {
+        seams,
+        reason: unsure.first().map_or_else(|| corners.reason().into(), left_out),
+        warnings: unsure.iter().map(left_out).collect(),
+        gate: scores.gate,
+        intensity: scores.intensity,
+        ..Found::default()
+    }
+}
+
+/// Weldable seams of a mesh, from its facets; from the cloud on it only if that is a scan, drawn as a mesh.
+pub(crate) fn find_in_mesh(
+    input: &Input,
+    mesh: &Mesh,
+    base_from_mesh: &Isometry3<f64>,
+    config: &SeamConfig,
+) -> Found {
+    let found = facets::find(mesh, base_from_mesh);
+    if found.seams.is_empty() && mesh.is_scan() {
+        return find(input, config);
+    }
+    let scores = edges::score(&input.model);
+    Found { gate: scores.gate, intensity: scores.intensity, ..found }
+}
+
+/// Inside corners by whether one of their faces is the table.
+struct Corners {
+    off_table: Vec<InsideCorner>,
+    on_table: Vec<InsideCorner>,
+}
+
+impl Corners {
+    fn parted(corners: Vec<InsideCorner>, is_on_table: impl Fn(&InsideCorner) -> bool) -> Self {
+        let (on_table, off_table) = corners.into_iter().partition(is_on_table);
+        Self { off_table, on_table }
+    }
+
+    /// Corners off the table strung together. A cropped cloud has no table in it: its lowest plane is part of the work.
+    fn chains(&self, input: &Input, config: &TraceConfig) -> Vec<Chain> {
+        let chains = traced(input, &self.off_table, config);
+        if chains.is_empty() && !input.scan.has_whole_views() {
+            traced(input, &self.on_table, config)
+        } else {
+            chains
+        }
+    }
+
+    /// Why they make no seam.
+    fn reason(&self) -> &'static str {
+        match (self.on_table.is_empty(), self.off_table.is_empty()) {
+            (false, true) => "the only inside corners are where the work rests on the table",
+            (_, false) => "no inside corner is long and steady enough to be a seam",
+            _ => "there is no inside corner between two faces",
+        }
+    }
+}
+
+pub(super) fn traced(input: &Input, corners: &[InsideCorner], config: &TraceConfig) -> Vec<Chain> {
+    let (model, voxel_mm) = (input.model.index, input.model.voxel_mm());
+    let Traced { chains, short } = chain::trace(corners, model, voxel_mm, config);
+    let chains = splice::joined(chains, model, voxel_mm);
+    let round_corners = splice::round_corners(short, &chains, voxel_mm);
+    chains.into_iter().chain(round_corners).collect()
+}
+
+/// Seams where two faces meet in an inside corner, sure or not.
+fn corner_seams(input: &Input, corners: &Corners, config: &SeamConfig) -> Vec<Seam> {
+    let mut chains = corners.chains(input, &config.trace);
+    if chains.is_empty() && input.cues.blurred {
+        chains = traced(input, &corners.off_table, &config.trace.blurred());
+    }
+    let refined = refined_apart(input, &chains, config, |chain| refined(input, chain, config));
+    let refined = refined.into_iter().map(|(chain, seam)| (chain.clone(), seam)).collect();
+    let refined = bend::joined(refined, input.model.index, input.model.voxel_mm());
+    let most_mm = config.refine.reach * input.model.voxel_mm();
+    refined.iter().map(|(chain, seam)| corner_seam(input, chain, seam, most_mm)).collect()
+}
+
+/// Every chain refined, each stretch of corner in one of them only.
+fn refined_apart<'a>(
+    input: &Input,
+    chains: &'a [Chain],
+    config: &SeamConfig,
+    refine: impl Fn(&Chain) -> Option<Refined> + Sync,
+) -> Vec<(&'a Chain, Refined)> {
+    let v = input.model.voxel_mm();
+    let refined = chains.par_iter().filter_map(|chain| Some((chain, refine(chain)?))).collect();
+    overlap::apart(refined, v, config.trace.shortest_voxels * v)
+}
+
+/// A chain refined; closed where its ends ask for it and raw points bear it out.
+pub(super) fn refined(input: &Input, chain: &Chain, config: &SeamConfig) -> Option<Refined> {
+    let v = input.model.voxel_mm();
+    let refine = |chain: &Chain| rounds::refine(&input.scan, chain, v, &config.refine);
+    let whole = loops::closed(chain, input.model.index, v, config.trace.step_voxels * v)
+        .and_then(|chain| refine(&chain))
+        .filter(|seam| seam.longest_gap() as f32 * seam.step_mm <= LOOP_GAPS * config.refine.gap * v);
+    let mut refined = whole.or_else(|| refine(chain))?;
+    // What shows through a wide root opening is not of the faces, and would pull them.
+    let mut open = config.refine;
+    for _ in 0..OPEN_ROUNDS {
+        let Some(end_mm) = fitup::groove_end_mm(input, &refined) else { break };
+        if end_mm < (open.acute_root + OPEN_VOXELS) * v {
+            break;
+        }
+        open.acute_root = end_mm / v + OPEN_VOXELS;
+        let Some(better) = rounds::refine(&input.scan, chain, v, &open) else { break };
+        refined = better;
+    }
+    Some(refined)
+}
+
+/// A refined chain of inside corners, its joint told apart and measured.
+pub(super) fn corner_seam(input: &Input, chain: &Chain, seam: &Refined, most_mm: f32) -> Seam {
+    let cross_section = joint::cross_section(seam, &input.model, most_mm);
+    let (joint, reason) = joint::classify(&cross_section, seam.closed);
+    let expected = expected::expect(seam, input.scan.merged, input.scan.registration);
+    let evidence = fitup::JointEvidence {
+        input,
+        seam,
+        joint,
+        short: cross_section.short,
+        reach_mm: cross_section.reach_mm,
+        expected: &expected,
+    };
+    let dimensions = fitup::measure(&evidence);
+    described(&input.scan, chain, seam, &expected, Identity { joint, reason, dimensions })
+}
+
+/// Whether the step at the place of some laps shows them better.
+fn is_better<'a>(step: &Seam, laps: impl Iterator<Item = &'a Seam>, voxel_mm: f32) -> bool {
+    let mut beside = laps.filter(|lap| is_beside(lap, step, voxel_mm)).peekable();
+    beside.peek().is_some() && beside.all(|lap| shows_better(step, lap, voxel_mm))
+}
+
+/// Whether a step shows the lap at its place better: the side of a thin sheet is narrow to fit a face to, its edge is not.
+pub(super) fn shows_better(step: &Seam, lap: &Seam, voxel_mm: f32) -> bool {
+    let heights = step.dimensions.iter().filter(|d| d.quantity == Quantity::SheetThickness);
+    let height_mm = heights.filter_map(|d| d.value.as_ref().ok()).map(|height| height.value).sum::<f64>();
+    height_mm < NARROW_VOXELS * f64::from(voxel_mm) && step.relative_error_mm < lap.relative_error_mm
+}
+
+/// Whether most of a lap runs beside a step.
+fn is_beside(lap: &Seam, step: &Seam, voxel_mm: f32) -> bool {
+    2 * beside(lap, std::slice::from_ref(step), voxel_mm) > lap.stations.len()
+}
+
+/// Whether a third or more of a step is where no seam is.
+fn is_elsewhere(step: &Seam, seams: &[Seam], voxel_mm: f32) -> bool {
+    3 * beside(step, seams, voxel_mm) < 2 * step.stations.len()
+}
+
+/// How many stations of a seam are beside others.
+fn beside(seam: &Seam, others: &[Seam], voxel_mm: f32) -> usize {
+    let near_mm = NEAR_VOXELS * f64::from(voxel_mm);
+    let near = |a: &Station, b: &Station| (b.position_mm - a.position_mm).norm() < near_mm;
+    let is_near = |a: &&Station| others.iter().any(|other| other.stations.iter().any(|b| near(a, b)));
+    seam.stations.iter().filter(is_near).count()
+}
+
+/// Seams by the second cue: plates and sheets on others, whose sides were not seen or are too narrow.
+fn step_seams(input: &Input, table: Option<&Support>, config: &SeamConfig) -> Vec<Seam> {
+    let v = input.model.voxel_mm();
+    let model = StepModel::new(&input.model.voxels.cloud, v);
+    let seams = |layers: &StepConfig| {
+        let corners = Corners::parted(step::corners(&model, layers), |c| {
+            table.is_some_and(|t| t.is_face(&c.faces[0], &c.position))
+        });
+        let chains = corners.chains(input, &config.trace);
+        let refine = |chain: &Chain| layers::refine(&input.scan, chain, v, &config.refine, layers);
+        let refined = refined_apart(input, &chains, config, refine);
+        let mut seams: Vec<Seam> =
+            refined.iter().map(|(chain, seam)| step_seam(input, chain, seam)).collect();
+        seams.retain(|seam| {
+            is_sure(&input.scan, seam) && seam.relative_error_mm < STEP_ERROR_VOXELS * f64::from(v)
+        });
+        seams
+    };
+    if !shows_sheets(input) {
+        return seams(&config.step);
+    }
+    let sheets = seams(&config.step.for_layers_of(&model));
+    if sheets.is_empty() { seams(&config.step) } else { sheets }
+}
+
+/// Whether layers as near to each other as those of sheet may be told apart: one view alone shows no layer twice, and where no
+/// camera tells what hides what, a model's hidden faces are in the cloud, too.
+pub(super) fn shows_sheets(input: &Input) -> bool {
+    input.scan.cameras_known && input.scan.merged.cameras_mm.len() > 1
+}
+
+/// A refined chain at the foot of a step.
+pub(super) fn step_seam(input: &Input, chain: &Chain, seam: &Refined) -> Seam {
+    let height_mm = seam.reach_mm[1];
+    let expected = expected::expect(seam, input.scan.merged, input.scan.registration);
+    let identity = Identity {
+        joint: Joint::Lap,
+        reason: format!("a step of {height_mm:.1} mm between parallel faces"),
+        dimensions: fitup::of_step(f64::from(height_mm), expected.position_mm),
+    };
+    Seam {
+        warnings: vec!["the side of the upper plate was not seen and is taken as square to it".into()],
+        ..described(&input.scan, chain, seam, &expected, identity)
+    }
+}

@@ -1,0 +1,87 @@
+//! What the steps before the seams hand over: the raw scan, the thinned model of it, and what is looked for in it.
+
+use crate::geometry::cloud::{Merged, PointCloud};
+use crate::geometry::grid::Grid;
+use crate::model::downsampling::Voxels;
+use crate::model::reconstruction::Registration;
+use nalgebra::{Isometry3, Vector3};
+
+/// Edge of the cells in which the model is looked up, and radius of the neighbourhoods of edge scores, voxels. The paper
+/// gives none; chosen on the simulated scans.
+pub const INDEX_VOXELS: f32 = 4.0;
+
+/// In what seams are sought, and which.
+pub struct Input<'a> {
+    /// All raw points.
+    pub scan: RawScan<'a>,
+    /// The model that was made of them.
+    pub model: SurfaceModel<'a>,
+    /// The work and all that stands round it, thinned, in which the table is recognised; the model's own where nothing was excluded.
+    pub scene: &'a Voxels,
+    /// What is looked for besides sharp inside corners.
+    pub cues: Cues,
+}
+
+/// The registered views before anything was thinned or filtered.
+pub struct RawScan<'a> {
+    /// All raw points.
+    pub merged: &'a Merged,
+    /// Their spatial index.
+    pub index: &'a Grid,
+    /// How sure the poses of the views are, if that is known.
+    pub registration: Option<&'a Registration>,
+    /// Names of the views, for messages.
+    pub view_names: Vec<&'a str>,
+    /// Whether every point was seen by a camera of known place.
+    pub cameras_known: bool,
+    /// Whether the table that the work stands on is in a cloud of unknown cameras.
+    pub table_shown: bool,
+}
+
+impl RawScan<'_> {
+    /// Whether the cloud is a scan of cameras whose whole view is kept, so that a table would be in it.
+    pub(crate) fn has_whole_views(&self) -> bool {
+        if self.cameras_known { self.view_names.len() > 1 } else { self.table_shown }
+    }
+
+    /// Whether it is what one camera saw from one place.
+    pub(crate) fn is_one_view(&self) -> bool {
+        self.cameras_known && self.view_names.len() == 1
+    }
+
+    /// Pose of the first view's camera among the points.
+    pub fn camera(&self) -> Option<Isometry3<f32>> {
+        let pose = self.registration?.base_from_camera.first()?;
+        let place = pose.translation.vector - self.merged.origin_mm.coords;
+        Some(Isometry3::from_parts(place.cast::<f32>().into(), pose.rotation.cast()))
+    }
+}
+
+/// The thinned, denoised cloud in which corners are sought.
+#[derive(Clone, Copy)]
+pub struct SurfaceModel<'a> {
+    /// The thinned cloud, before the filter.
+    pub voxels: &'a Voxels,
+    /// The same after it, in the same order.
+    pub cloud: &'a PointCloud,
+    /// Spatial index of its points, in cells of [`INDEX_VOXELS`].
+    pub index: &'a Grid,
+    /// Of the neighbourhoods in it, by its slots: [`super::score::edges::asymmetries`] within [`INDEX_VOXELS`].
+    pub asymmetries: &'a [Vector3<f32>],
+}
+
+impl SurfaceModel<'_> {
+    /// Edge of a voxel, mm: the scale of all sizes that are given in voxels.
+    pub fn voxel_mm(&self) -> f32 {
+        self.voxels.edge_mm
+    }
+}
+
+/// What is looked for where sharp inside corners make no seam.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Cues {
+    /// Steps between parallel layers. In the smallest voxels the layers of a sparse cloud have holes, which pass for steps.
+    pub steps: bool,
+    /// Valleys whose faces blend into each other, traced loosely; what is found must then be the surer.
+    pub blurred: bool,
+}
