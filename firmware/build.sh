@@ -15,7 +15,6 @@ target=thumbv7em-none-eabihf
 cd "$(dirname "$0")"
 # Called from a test, cargo's variables name the host's build.
 unset RUSTC RUSTDOC CARGO RUSTFLAGS CARGO_ENCODED_RUSTFLAGS RUSTUP_TOOLCHAIN CARGO_TARGET_DIR CARGO_BUILD_TARGET
-unset CARGO_PROFILE_RELEASE_DEBUG_ASSERTIONS CARGO_PROFILE_RELEASE_OVERFLOW_CHECKS
 
 have_target() { [ -n "$(find "$(rustc --print target-libdir --target $target 2>/dev/null)" -name 'libcore-*.rlib' 2>/dev/null)" ]; }
 have_source() { [ -f "$("$1" --print sysroot 2>/dev/null)/lib/rustlib/src/rust/library/core/src/lib.rs" ]; }

@@ -8,10 +8,6 @@
 # and a toolchain for the Cortex-M4F. As root on Debian it fetches what is missing by apt-get and prints what; otherwise it prints the command.
 set -eu
 cd "$(dirname "$0")/.."
-# The product as it is shipped, and one build of it: with overflow and assertions checked, which a plain build leaves out. It has a
-# folder of its own, so that neither build undoes the other.
-export CARGO_PROFILE_RELEASE_DEBUG_ASSERTIONS=true CARGO_PROFILE_RELEASE_OVERFLOW_CHECKS=true
-export CARGO_TARGET_DIR="$PWD/target/checked"
 # What is compiled once needs no store for the next time: it would double the room on the disk.
 export CARGO_INCREMENTAL="${CARGO_INCREMENTAL:-0}"
 # Names a part, and at the end says how long each took.
@@ -63,16 +59,16 @@ if [ -n "$missing" ]; then
     fi
 fi
 
-mkdir -p "$CARGO_TARGET_DIR"
+mkdir -p target
 # Starts a part beside the others; `joined` waits for it, shows what it said, and fails if it did.
 beside() {
-    "$1" >"$CARGO_TARGET_DIR/$1.txt" 2>&1 &
+    "$1" >"target/$1.txt" 2>&1 &
     eval "$1=$!"
 }
 joined() {
     code=0
     eval "wait \$$1" || code=$?
-    cat "$CARGO_TARGET_DIR/$1.txt"
+    cat "target/$1.txt"
     return $code
 }
 
@@ -115,10 +111,13 @@ else
     echo "!! NOT CHECKED: no rustc $declared here (rustup toolchain install $declared); the lints name what its library lacks"
 fi
 
-say "mutants apply"
-MUTANTS_TARGET_DIR="$CARGO_TARGET_DIR" tests/mutants.sh --check
+say "core with checks of overflow, which the product leaves out"
+cargo test -p weldpath-core --quiet --lib
 
-say "build of all tests"
+say "mutants apply"
+MUTANTS_TARGET_DIR="$PWD/target" tests/mutants.sh --check
+
+say "build of the product and of all tests, as it is shipped"
 cargo test --workspace --release --no-run
 
 say "firmware, begun beside the lints: emulated board, STM32F407, lints"
