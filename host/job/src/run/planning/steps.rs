@@ -79,14 +79,13 @@ impl Steps {
         observer: &mut dyn Observer,
     ) -> Result<Plan, PlanError> {
         let survey = self.surveys.recent(search.survey_key(content)).map(|survey| (*survey).clone());
-        let (is_merged, is_surveyed) = (merged.is_some(), survey.is_some());
         let mut kept = Kept { merged, survey };
         let plan = pipeline::plan_from(&mut kept, &scan.views, &search.config(scan), observer);
-        if let Some(merged) = kept.merged.filter(|_| !is_merged) {
+        if let Some(merged) = kept.merged {
             let begun = Begun { scan: scan.without_points(), merged };
             self.begun.remember(search.merge_key(content), &Arc::new(begun));
         }
-        if let Some(survey) = kept.survey.filter(|_| !is_surveyed) {
+        if let Some(survey) = kept.survey {
             self.surveys.remember(search.survey_key(content), &Arc::new(survey));
         }
         Ok(search.with_words_of(scan, plan?))
