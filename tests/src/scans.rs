@@ -5,12 +5,14 @@ use std::path::Path;
 use nalgebra::Point3;
 use weldpath::evaluation::{Options, PathSet, Score, Truth, score};
 use weldpath::input::{self, Scan};
+use weldpath::output::csv;
+use weldpath::output::frame::PathFrame;
 use weldpath::output::verdict::Verdict;
 use weldpath::pipeline::Plan;
 use weldpath::run::job::Job;
 use weldpath::run::planning;
 use weldpath::run::postprocessing::{Output, postprocess};
-use weldpath::simulation::{Format, MeshRequest, Noise, SensorErrors, Simulated, write};
+use weldpath::simulation::{Format, MeshRequest, Noise, Request, SensorErrors, Simulated, simulate, write};
 
 /// Corners of a triangle, mm.
 pub type Triangle = [Point3<f64>; 3];
@@ -48,6 +50,25 @@ pub fn read(simulated: &Simulated) -> Scan {
     let folder = tempfile::tempdir().expect("a folder");
     write(simulated, folder.path()).expect("a folder");
     input::read(folder.path(), &input::Options::default()).expect("a scan")
+}
+
+/// A simulated scan, written and read, and what is true of it.
+///
+/// # Panics
+/// If there is no such scan.
+pub fn scanned(request: &Request) -> (Scan, Truth) {
+    let simulated = simulate(request).expect("a scan");
+    (read(&simulated), simulated.truth)
+}
+
+/// All seams of a plan, as they stand in `path.csv`, against the truth.
+///
+/// # Panics
+/// If they cannot be read back.
+pub fn scored(plan: &Plan, truth: &Truth) -> Score {
+    let csv = csv::write(&plan.paths, PathFrame::Base);
+    let paths = PathSet::parse(csv.as_ref(), Path::new("path.csv")).expect("path.csv is read back");
+    score(&paths, truth, &Options::default())
 }
 
 /// What a plan of a scan came to.

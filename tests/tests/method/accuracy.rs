@@ -10,11 +10,11 @@ use weldpath::output::verdict::ReasonId;
 use weldpath::pipeline::{self, Plan};
 use weldpath::run::job::Job;
 use weldpath::run::postprocessing::postprocess;
-use weldpath::simulation::{Request, simulate, simulate_mesh, write};
-use weldpath_tests::scans::{block, of_mesh};
+use weldpath::simulation::{Request, simulate_mesh};
+use weldpath_tests::scans::{block, of_mesh, read, scanned};
 use weldpath_tests::shared_data;
 
-use crate::planned::{plan, plan_anew};
+use crate::planned::{plan, plan_of};
 
 /// The worst that is accepted: position RMSE in mm, torch RMSE in degrees, shares in percent.
 struct Floor {
@@ -167,10 +167,8 @@ fn the_committed_scans_hold_their_floor() {
 fn webs_that_cross_end_each_others_seams() {
     let mut request = Request::new("cruciform".parse().expect("a part"), 11);
     request.noise = "mid".parse().expect("a noise");
-    let scratch = tempfile::tempdir().expect("a folder");
-    write(&simulate(&request).expect("a scan"), scratch.path()).expect("a folder");
-    let truth = truth(&scratch.path().join("truth.json"));
-    let plan = plan_anew(scratch.path()).unwrap_or_else(|error| panic!("{error}"));
+    let (scan, truth) = scanned(&request);
+    let plan = plan_of(&scan).unwrap_or_else(|error| panic!("{error}"));
     let scored = score(&written(&plan), &truth, &Options::default());
     println!("cruciform: {:?} mm, {:?} degrees, {}", scored.rmse_mm, scored.rmse_deg, scored.coverage);
     // Eight along the foot and four upright; a seam that went on through a web would be 60 degrees off there.
@@ -191,10 +189,9 @@ fn both_sides_and_the_ends_of_ribs_are_found_at_working_distance() {
     for seed in [3, 5] {
         let triangles = plate.iter().copied().chain(ribs.clone()).collect();
         let request = of_mesh("ribs", triangles, 8, seed);
-        let scratch = tempfile::tempdir().expect("a folder");
-        write(&simulate_mesh(&request).expect("a scan"), scratch.path()).expect("a folder");
-        let truth = truth(&scratch.path().join("truth.json"));
-        let plan = plan_anew(scratch.path()).unwrap_or_else(|error| panic!("{error}"));
+        let simulated = simulate_mesh(&request).expect("a scan");
+        let (scan, truth) = (read(&simulated), simulated.truth);
+        let plan = plan_of(&scan).unwrap_or_else(|error| panic!("{error}"));
         let scored = score(&written(&plan), &truth, &Options::default());
         println!("ribs: {:?} mm, {}, {} false", scored.rmse_mm, scored.coverage, scored.false_share);
         assert!(

@@ -6,19 +6,17 @@
 use std::path::Path;
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
-use weldpath::evaluation::{Options, PathSet, Truth, score};
+use weldpath::evaluation::Truth;
 use weldpath::geometry::cloud::View;
 use weldpath::input;
-use weldpath::output::csv;
-use weldpath::output::frame::PathFrame;
 use weldpath::output::verdict::ReasonId;
 use weldpath::pipeline::{self, Anchor, Plan};
 use weldpath::run::job::Job;
 use weldpath::run::verdict;
 use weldpath::seam::Seam;
-use weldpath::simulation::{CellErrors, MeshRequest, Part, Request, simulate, simulate_mesh, write};
+use weldpath::simulation::{CellErrors, MeshRequest, Part, Request, simulate_mesh};
 use weldpath_tests::adversary::Random;
-use weldpath_tests::scans::{block, of_mesh, read};
+use weldpath_tests::scans::{block, of_mesh, read, scanned, scored};
 
 /// A cell of everyday quality: what findings call "hand-eye off by 2 mm and 0.5 degrees, robot true to 0.1 mm".
 const CELL: CellErrors = CellErrors {
@@ -87,9 +85,7 @@ fn parts_sum_to_the_whole(seam: &Seam) {
 
 /// Root mean squares of a plan's seams across them, mm: from the truth, and as stated in the base frame.
 fn errors(plan: &Plan, truth: &Truth) -> [f64; 2] {
-    let paths =
-        PathSet::parse(csv::write(&plan.paths, PathFrame::Base).as_ref(), Path::new("path.csv")).unwrap();
-    let real = score(&paths, truth, &Options::default()).rmse_mm.unwrap_or(f64::INFINITY);
+    let real = scored(plan, truth).rmse_mm.unwrap_or(f64::INFINITY);
     let length: f64 = plan.seams.iter().map(|seam| seam.length_mm()).sum();
     let squares: f64 = plan.seams.iter().map(|s| s.tip_error_mm().powi(2) * s.length_mm()).sum();
     plan.seams.iter().for_each(parts_sum_to_the_whole);
@@ -159,12 +155,9 @@ fn simulated(parts: &[Part], seeds: std::ops::RangeInclusive<u64>) -> Group {
     let mut group = Group::default();
     for &part in parts {
         for seed in seeds.clone() {
-            let home = tempfile::tempdir().unwrap();
-            let scan = simulate(&Request { cell: Some(CELL), ..Request::new(part, seed) }).unwrap();
-            assert_eq!(scan.truth.anchor, "none");
-            write(&scan, home.path()).unwrap();
-            let read = input::read(home.path(), &input::Options::default()).unwrap();
-            group.add(&format!("simulated {part}, seed {seed}"), &read.views, &scan.truth);
+            let (scan, truth) = scanned(&Request { cell: Some(CELL), ..Request::new(part, seed) });
+            assert_eq!(truth.anchor, "none");
+            group.add(&format!("simulated {part}, seed {seed}"), &scan.views, &truth);
         }
     }
     group

@@ -1,16 +1,13 @@
 //! Hand-eye transform and camera of a cell from its own scans: `weldpath calibrate`, and what `plan` finds by itself. Truth is
 //! the simulator's.
 
-use std::path::Path;
-
-use weldpath::evaluation::{Options, PathSet, Truth, score};
-use weldpath::input::{self, Scan};
-use weldpath::output::csv;
-use weldpath::output::frame::PathFrame;
+use weldpath::evaluation::Truth;
+use weldpath::input::Scan;
 use weldpath::pipeline::calibration::{self, Error, Loose};
 use weldpath::pipeline::{self, Anchor, Calibration, CellAccuracy, Config, Plan};
-use weldpath::simulation::{CellErrors, Part, Request, SensorErrors, simulate, write};
+use weldpath::simulation::{CellErrors, Part, Request, SensorErrors};
 use weldpath_tests::command::weldpath;
+use weldpath_tests::scans::{scanned, scored};
 
 const CELL: CellErrors = CellErrors {
     hand_eye_mm: 2.0,
@@ -28,21 +25,12 @@ fn bad_camera() -> SensorErrors {
     SensorErrors { focal_percent: FOCAL_PERCENT, k1: K1, centre_px: 2.0, ..SensorErrors::default() }
 }
 
-fn scanned(request: &Request) -> (Scan, Truth) {
-    let folder = tempfile::tempdir().expect("a folder");
-    let simulated = simulate(request).expect("a scan");
-    write(&simulated, folder.path()).expect("a folder");
-    (input::read(folder.path(), &input::Options::default()).expect("a scan"), simulated.truth)
-}
-
 fn of_cell(part: Part, seed: u64, sensor: SensorErrors) -> (Scan, Truth) {
     scanned(&Request { cell: Some(CELL), sensor, ..Request::new(part, seed) })
 }
 
 fn rmse_mm(plan: &Plan, truth: &Truth) -> f64 {
-    let paths =
-        PathSet::parse(csv::write(&plan.paths, PathFrame::Base).as_ref(), Path::new("path.csv")).unwrap();
-    score(&paths, truth, &Options::default()).rmse_mm.unwrap_or(f64::INFINITY)
+    scored(plan, truth).rmse_mm.unwrap_or(f64::INFINITY)
 }
 
 fn planned(scan: &Scan, config: &Config) -> Plan {

@@ -1,15 +1,10 @@
 //! Corners that the camera rounds or fills: a matching window, and light from one face on the other (made by the simulator).
 //! The root is found by the faces where they are true, and what stays unknown of it is stated.
 
-use std::path::Path;
-
-use weldpath::evaluation::{Options, PathSet, score};
-use weldpath::input;
-use weldpath::output::csv;
-use weldpath::output::frame::PathFrame;
 use weldpath::pipeline::{self, Anchor, Plan};
 use weldpath::run::job::Job;
-use weldpath::simulation::{Noise, Part, Request, SensorErrors, simulate, write};
+use weldpath::simulation::{Noise, Part, Request, SensorErrors};
+use weldpath_tests::scans::{scanned, scored};
 
 /// Path and torch of a scan whose first pose is exact: off by so much, mm and degrees, as stated, and part from the corner.
 struct Found {
@@ -20,16 +15,11 @@ struct Found {
 }
 
 fn found(part: Part, seed: u64, sensor: SensorErrors) -> Found {
-    let folder = tempfile::tempdir().expect("a folder");
-    let scan = simulate(&Request { sensor, noise: Noise::Mid, ..Request::new(part, seed) }).expect("a scan");
-    write(&scan, folder.path()).expect("a folder");
-    let views = input::read(folder.path(), &input::Options::default()).expect("a scan").views;
+    let (scan, truth) = scanned(&Request { sensor, noise: Noise::Mid, ..Request::new(part, seed) });
     let mut config = Job::default().pipeline();
     config.merge.anchor = Some(Anchor::First);
-    let plan: Plan = pipeline::plan(&views, &config, &mut ()).unwrap_or_else(|error| panic!("{error}"));
-    let paths =
-        PathSet::parse(csv::write(&plan.paths, PathFrame::Base).as_ref(), Path::new("path.csv")).unwrap();
-    let scored = score(&paths, &scan.truth, &Options::default());
+    let plan: Plan = pipeline::plan(&scan.views, &config, &mut ()).unwrap_or_else(|error| panic!("{error}"));
+    let scored = scored(&plan, &truth);
     assert!(scored.coverage > 0.95, "{part} {seed}: {} covered", scored.coverage);
     let longest = plan.seams.iter().max_by(|a, b| a.length_mm().total_cmp(&b.length_mm())).expect("a seam");
     let found = Found {

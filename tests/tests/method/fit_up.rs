@@ -6,10 +6,11 @@ use weldpath::evaluation::Truth;
 use weldpath::pipeline::Plan;
 use weldpath::seam::Seam;
 use weldpath::seam::measure::dimension::{Quantity, Value};
-use weldpath::simulation::{Noise, Part, Request, simulate, write};
+use weldpath::simulation::{Noise, Part, Request};
+use weldpath_tests::scans::scanned;
 use weldpath_tests::shared_data;
 
-use crate::planned::{plan, plan_anew};
+use crate::planned::{plan, plan_of};
 
 /// Uncertainties that still tell a tight joint from one that needs another weld, mm; the root of a groove is blurred by
 /// the noise of everything round it.
@@ -24,10 +25,8 @@ fn simulated(part: Part, noise: Noise, root_opening_mm: f64) -> (Plan, Truth) {
         root_opening_mm: Some(root_opening_mm),
         ..Request::new(part, 3)
     };
-    let folder = tempfile::tempdir().unwrap();
-    let scan = simulate(&request).unwrap();
-    write(&scan, folder.path()).unwrap();
-    (plan_anew(folder.path()).unwrap_or_else(|error| panic!("{error}")), scan.truth)
+    let (scan, truth) = scanned(&request);
+    (plan_of(&scan).unwrap_or_else(|error| panic!("{error}")), truth)
 }
 
 /// What the piece was made with, of a seam of this kind.

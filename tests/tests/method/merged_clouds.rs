@@ -10,7 +10,8 @@ use weldpath::input;
 use weldpath::pipeline::{self, Plan, PlanError};
 use weldpath::run::job::Job;
 use weldpath::run::postprocessing::postprocess;
-use weldpath::simulation::{Noise, Part, Request, simulate, write};
+use weldpath::simulation::{Noise, Part, Request};
+use weldpath_tests::scans::scanned;
 
 /// Parts by kind of joint, and how far from the truth their paths may be in the mean, mm. MISSED by the branch: 0.05 was asked
 /// for, and the first millimetres of its seams, in the pockets' corners, are farther off in its model.
@@ -19,10 +20,7 @@ const PARTS: [(Part, f64); 4] =
 
 /// The points of all views at their true poses, mm, base frame, every so many after the other, and the truth.
 fn merged(part: Part) -> (Vec<Point3<f64>>, Truth) {
-    let folder = tempfile::tempdir().expect("a folder");
-    let request = Request { noise: Noise::None, ..Request::new(part, 3) };
-    write(&simulate(&request).expect("a scan"), folder.path()).expect("files");
-    let scan = input::read(folder.path(), &input::Options::default()).expect("a scan");
+    let (scan, truth) = scanned(&Request { noise: Noise::None, ..Request::new(part, 3) });
     let in_base = scan
         .views
         .iter()
@@ -31,7 +29,7 @@ fn merged(part: Part) -> (Vec<Point3<f64>>, Truth) {
     // A step that has no divisor in common with the number takes each point once.
     let step = (points.len() / 3..).find(|step| gcd(*step, points.len()) == 1).expect("a step");
     let shuffled = (0..points.len()).map(|k| points[k * step % points.len()]).collect();
-    (shuffled, Truth::read(&folder.path().join("truth.json")).expect("truth"))
+    (shuffled, truth)
 }
 
 fn gcd(a: usize, b: usize) -> usize {
@@ -123,18 +121,15 @@ fn the_seams_of_a_merged_cloud_are_found_whatever_its_frame_and_order_and_again_
 /// One point to a voxel, whose nearest neighbours are nearer than the voxels' edge.
 #[test]
 fn a_model_of_a_noisy_scan_is_planned_again_in_its_own_voxels() {
-    let scan = simulate(&Request::new(Part::Corner, 803)).expect("a scan");
-    let home = tempfile::tempdir().expect("a folder");
-    write(&scan, home.path()).expect("a folder");
-    let read = input::read(home.path(), &input::Options::default()).expect("views");
+    let (scan, truth) = scanned(&Request::new(Part::Corner, 803));
     let mut config = Job::default().pipeline();
     config.merge.anchor = Some(pipeline::Anchor::First);
-    let model = pipeline::plan(&read.views, &config, &mut ()).expect("a seam").model;
+    let model = pipeline::plan(&scan.views, &config, &mut ()).expect("a seam").model;
     let points: Vec<_> = (0..model.len()).map(|k| model.in_base_mm(k)).collect();
     let normals: Vec<_> = model.normals.iter().map(|n| n.cast::<f64>()).collect();
     let again = planned(&points, &normals).unwrap_or_else(|error| panic!("{error}"));
     // MISSED: 1.5 times the error of the views was asked for, 0.03 mm; the filter rounds what the model keeps of a corner.
-    holds(&again, &scan.truth, 0.35, "model of a corner");
+    holds(&again, &truth, 0.35, "model of a corner");
 }
 
 #[test]

@@ -8,8 +8,8 @@ use weldpath::evaluation::Truth;
 use weldpath::input::{self, Scan};
 use weldpath::pipeline::{self, Config, Kept, MergeConfig, Plan, PlanError, Wishes};
 use weldpath::run::job::Job;
-use weldpath::simulation::{Part, Request, simulate};
-use weldpath_tests::scans::read;
+use weldpath::simulation::{Part, Request};
+use weldpath_tests::scans::scanned;
 
 type Planned = Arc<OnceLock<Result<Plan, PlanError>>>;
 
@@ -18,12 +18,12 @@ pub(crate) fn plan(folder: &Path) -> Result<Plan, PlanError> {
     static PLANS: Mutex<BTreeMap<PathBuf, Planned>> = Mutex::new(BTreeMap::new());
     let slot =
         Arc::clone(PLANS.lock().expect("no plan panics under the lock").entry(folder.into()).or_default());
-    slot.get_or_init(|| plan_anew(folder)).clone()
+    let read = || input::read(folder, &input::Options::default()).unwrap_or_else(|error| panic!("{error}"));
+    slot.get_or_init(|| plan_of(&read())).clone()
 }
 
-/// The same of a folder that one test made for itself.
-pub(crate) fn plan_anew(folder: &Path) -> Result<Plan, PlanError> {
-    let scan = input::read(folder, &input::Options::default()).unwrap_or_else(|error| panic!("{error}"));
+/// The same of a scan that one test made for itself.
+pub(crate) fn plan_of(scan: &Scan) -> Result<Plan, PlanError> {
     pipeline::plan(&scan.views, &Job::default().pipeline(), &mut ())
 }
 
@@ -45,10 +45,9 @@ pub(crate) static PIECES: LazyLock<Vec<Piece>> = LazyLock::new(|| {
 impl Piece {
     fn new(part: Part) -> Self {
         let request = Request { width: 480, height: 360, ..Request::new(part, 1) };
-        let simulated = simulate(&request).expect("a scan");
-        let (scan, mut kept) = (read(&simulated), Kept::default());
+        let ((scan, truth), mut kept) = (scanned(&request), Kept::default());
         let plan = pipeline::plan_from(&mut kept, &scan.views, &config(Wishes::default()), &mut ());
-        Self { part, scan, truth: simulated.truth, plan: plan.expect("a plan"), kept }
+        Self { part, scan, truth, plan: plan.expect("a plan"), kept }
     }
 
     pub(crate) fn of(part: Part) -> &'static Self {

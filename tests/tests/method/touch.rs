@@ -4,16 +4,17 @@
 use std::path::Path;
 
 use nalgebra::{Point3, Vector3};
-use weldpath::evaluation::{Options, PathSet, Truth, score};
-use weldpath::input::{self, Scan};
+use weldpath::evaluation::Truth;
+use weldpath::input::Scan;
 use weldpath::output::csv;
 use weldpath::output::frame::PathFrame;
 use weldpath::pipeline::PlanError;
 use weldpath::pipeline::{Plan, touch};
 use weldpath::run::job::Job;
 use weldpath::run::planning;
-use weldpath::simulation::{CellErrors, Part, Request, simulate, write};
+use weldpath::simulation::{CellErrors, Part, Request};
 use weldpath_tests::adversary::Random;
+use weldpath_tests::scans::{scanned, scored};
 
 const CELL: CellErrors = CellErrors {
     hand_eye_mm: 2.0,
@@ -26,11 +27,8 @@ const CELL: CellErrors = CellErrors {
 /// Standard deviation of the tip, each axis, mm.
 const TIP_MM: f64 = 0.1;
 
-fn scanned(part: Part, seed: u64) -> (Scan, Truth) {
-    let folder = tempfile::tempdir().expect("a folder");
-    let simulated = simulate(&Request { cell: Some(CELL), ..Request::new(part, seed) }).expect("a scan");
-    write(&simulated, folder.path()).expect("a folder");
-    (input::read(folder.path(), &input::Options::default()).expect("a scan"), simulated.truth)
+fn of_cell(part: Part, seed: u64) -> (Scan, Truth) {
+    scanned(&Request { cell: Some(CELL), ..Request::new(part, seed) })
 }
 
 /// The required seam's true stations at these shares of its length, as a tip that errs finds them.
@@ -50,9 +48,7 @@ fn planned(scan: &Scan, job: &str) -> Result<Plan, PlanError> {
 }
 
 fn rmse_mm(plan: &Plan, truth: &Truth) -> f64 {
-    let paths =
-        PathSet::parse(csv::write(&plan.paths, PathFrame::Base).as_ref(), Path::new("path.csv")).unwrap();
-    score(&paths, truth, &Options::default()).rmse_mm.unwrap_or(f64::INFINITY)
+    scored(plan, truth).rmse_mm.unwrap_or(f64::INFINITY)
 }
 
 #[test]
@@ -61,7 +57,7 @@ fn one_touch_shifts_a_plan_and_three_turn_it_to_where_the_seam_is() {
     let (mut before, mut one, mut three, mut honest) = (0.0, 0.0, 0.0, 0);
     let scans = [(Part::Fillet, 51), (Part::Fillet, 52), (Part::ButtV, 51), (Part::ButtV, 52)];
     for (part, seed) in scans {
-        let (scan, truth) = scanned(part, seed);
+        let (scan, truth) = of_cell(part, seed);
         let plans = [vec![], vec![0.5], vec![0.1, 0.5, 0.9]]
             .map(|shares| planned(&scan, &touched(&truth, &shares, random)).expect("a plan"));
         let errors = plans.each_ref().map(|plan| rmse_mm(plan, &truth));
@@ -93,7 +89,7 @@ fn one_touch_shifts_a_plan_and_three_turn_it_to_where_the_seam_is() {
 
 #[test]
 fn a_touched_job_replays_to_the_same_path_and_the_poses_that_the_robot_reported_stand() {
-    let (scan, truth) = scanned(Part::Fillet, 53);
+    let (scan, truth) = of_cell(Part::Fillet, 53);
     let text = touched(&truth, &[0.4], &mut Random::new(7));
     let plan = planned(&scan, &text).expect("a plan");
     let job = Job::parse(&text, Path::new("job.toml")).unwrap();
@@ -107,7 +103,7 @@ fn a_touched_job_replays_to_the_same_path_and_the_poses_that_the_robot_reported_
 
 #[test]
 fn a_touch_that_cannot_be_is_refused_and_says_why() {
-    let (scan, truth) = scanned(Part::Fillet, 51);
+    let (scan, truth) = of_cell(Part::Fillet, 51);
     let seam = truth.seams.iter().find(|seam| seam.required).expect("a seam");
     let amid = Point3::from(seam.p[seam.p.len() / 2]);
     let off = |by: Vector3<f64>, seam: &str| {
