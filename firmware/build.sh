@@ -53,18 +53,18 @@ elif [ -x /usr/bin/cargo ] && have_source /usr/bin/rustc && ld=$(linker); then
     # Its clippy, too, and not rustup's.
     export PATH="/usr/bin:$PATH"
     export RUSTC=/usr/bin/rustc RUSTDOC=/usr/bin/rustdoc CARGO_TARGET_THUMBV7EM_NONE_EABIHF_LINKER="$ld"
-elif [ "$1" = missing ]; then
-    missing
-    exit
 else
-    echo "firmware/build.sh: no toolchain here builds for $target. One of these makes one:" >&2
-    echo "    rustup target add $target" >&2
-    echo "    apt-get install $(missing | xargs)" >&2
-    exit 3
+    cargo=
 fi
 if [ "$1" = missing ]; then
     [ "$cargo" = cargo ] || missing
     exit
+fi
+if [ -z "$cargo" ]; then
+    echo "firmware/build.sh: no toolchain here builds for $target. One of these makes one:" >&2
+    echo "    rustup target add $target" >&2
+    echo "    apt-get install $(missing | xargs)" >&2
+    exit 3
 fi
 [ -z "$core" ] || export RUSTC_BOOTSTRAP=1
 version=$("${RUSTC:-rustc}" --version)

@@ -27,7 +27,7 @@ fresh_copy() {
     grep '^mod link_' "$root/tests/tests/link/main.rs" > "$copy/work/tests/tests/link/main.rs"
     sed -i -E '/^pub mod /{/ (adversary|arm|bench|world);/!d}' "$copy/work/tests/src/lib.rs"
     sed 's/members = .*/members = ["core", "tests"]/; /^weldpath = /d' "$root/Cargo.toml" > "$copy/work/Cargo.toml"
-    sed -E '/^weldpath(-fuzz)?( =|\.)/d' "$root/tests/Cargo.toml" > "$copy/work/tests/Cargo.toml"
+    sed -E '/^weldpath(-fuzz|-benches)?( =|\.)/d' "$root/tests/Cargo.toml" > "$copy/work/tests/Cargo.toml"
 }
 
 report() {

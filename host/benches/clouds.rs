@@ -10,13 +10,13 @@ const PROFILE_MM: [[f64; 2]; 6] =
     [[-100.0, 0.0], [-6.7735, 0.0], [-1.0, -10.0], [1.0, -10.0], [6.7735, 0.0], [100.0, 0.0]];
 
 /// Radius that holds about 30 neighbours on the V butt joint, mm.
-pub(crate) fn radius_mm(points: usize) -> f32 {
+pub fn radius_mm(points: usize) -> f32 {
     let area = LENGTH_MM * sides().iter().sum::<f64>();
     (30.0 * area / (std::f64::consts::PI * points as f64)).sqrt() as f32
 }
 
 /// The V butt joint, evenly and at random over its surface.
-pub(crate) fn butt_joint(points: usize) -> Vec<Point3<f32>> {
+pub fn butt_joint(points: usize) -> Vec<Point3<f32>> {
     let mut random = Random(0x9E37_79B9_7F4A_7C15);
     let sides = sides();
     let all: f64 = sides.iter().sum();
@@ -43,16 +43,19 @@ fn sides() -> [f64; 5] {
 
 /// Two views of a tilted tube on a plate, all six motions of which show in the distances along normals, and the motion
 /// that takes the source onto the target.
-pub(crate) struct Pair {
-    pub(crate) target: Vec<Point3<f32>>,
-    pub(crate) source: Vec<Point3<f32>>,
-    pub(crate) target_from_source: Isometry3<f64>,
+pub struct Pair {
+    /// Seen by the first camera.
+    pub target: Vec<Point3<f32>>,
+    /// Seen by the second, moved.
+    pub source: Vec<Point3<f32>>,
+    /// The motion.
+    pub target_from_source: Isometry3<f64>,
     /// Where the target and the source, before it was moved, were seen from.
-    pub(crate) cameras_mm: [Vector3<f64>; 2],
+    pub cameras_mm: [Vector3<f64>; 2],
 }
 
 /// A pair 60 degrees apart in a general pose, the source moved by 2 mm and 0.5 degrees.
-pub(crate) fn pipe_pair(points: usize) -> Pair {
+pub fn pipe_pair(points: usize) -> Pair {
     let turn = |axis: [f64; 3], degrees: f64| {
         UnitQuaternion::from_scaled_axis(Vector3::from(axis).normalize() * degrees.to_radians())
     };
@@ -103,7 +106,7 @@ fn tube_on_plate(random: &mut Random, toward: &Vector3<f64>) -> Point3<f64> {
 }
 
 /// The V butt joint as binary little-endian PLY, mm.
-pub(crate) fn ply(points: &[Point3<f32>]) -> Vec<u8> {
+pub fn ply(points: &[Point3<f32>]) -> Vec<u8> {
     let header = format!(
         "ply\nformat binary_little_endian 1.0\ncomment length unit = mm\nelement vertex {}\nproperty float x\nproperty \
          float y\nproperty float z\nend_header\n",
@@ -113,7 +116,7 @@ pub(crate) fn ply(points: &[Point3<f32>]) -> Vec<u8> {
 }
 
 /// The V butt joint as binary PCD.
-pub(crate) fn pcd(points: &[Point3<f32>]) -> Vec<u8> {
+pub fn pcd(points: &[Point3<f32>]) -> Vec<u8> {
     let n = points.len();
     let header = format!(
         "# .PCD v0.7\nVERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH {n}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 \

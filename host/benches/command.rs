@@ -1,14 +1,12 @@
 //! `weldpath plan` as a process, from files to files, by number of points and threads, as a table:
-//! `cargo bench -p weldpath --bench command`.
+//! `cargo bench -p weldpath-benches --bench command`.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::sync::OnceLock;
 use std::time::Instant;
 
 use wait4::Wait4;
-
-#[allow(dead_code)]
-mod clouds;
 
 const RUNS: usize = 3;
 const POINTS: [usize; 4] = [10_000, 100_000, 300_000, 1_000_000];
@@ -50,8 +48,23 @@ fn main() {
     );
 }
 
+/// The command, built as users build it.
+fn command() -> &'static Path {
+    static COMMAND: OnceLock<PathBuf> = OnceLock::new();
+    COMMAND.get_or_init(|| {
+        let cargo = std::env::var_os("CARGO").unwrap_or("cargo".into());
+        let built = Command::new(cargo)
+            .args(["build", "--release", "--quiet", "-p", "weldpath"])
+            .current_dir(env!("CARGO_MANIFEST_DIR"))
+            .status();
+        assert!(built.is_ok_and(|status| status.success()), "weldpath cannot be built");
+        let bench = std::env::current_exe().expect("a bench is a file");
+        bench.ancestors().nth(2).expect("target/release/deps").join("weldpath")
+    })
+}
+
 /// A cloud in which there is nothing to find.
-fn few_points(folder: &Path) -> std::path::PathBuf {
+fn few_points(folder: &Path) -> PathBuf {
     let path = folder.join("few.ply");
     std::fs::write(&path, clouds::ply(&clouds::butt_joint(10))).expect("it is written");
     path
@@ -59,7 +72,7 @@ fn few_points(folder: &Path) -> std::path::PathBuf {
 
 fn plan(folder: &Path, cloud: &Path, threads: usize) -> Spent {
     let begin = Instant::now();
-    let mut child = Command::new(env!("CARGO_BIN_EXE_weldpath"))
+    let mut child = Command::new(command())
         .args(["plan", "--quiet", "--no-cache", "--out"])
         .arg(folder.join("out"))
         .arg(cloud)

@@ -24,9 +24,6 @@ use weldpath::pipeline;
 use weldpath::seam;
 use weldpath::seam::score::edges;
 
-#[allow(dead_code)]
-mod clouds;
-
 #[global_allocator]
 static ALLOCATIONS: AllocProfiler = AllocProfiler::system();
 

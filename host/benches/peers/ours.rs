@@ -24,9 +24,6 @@ use weldpath::model::reconstruction::{pair, register};
 use weldpath::pipeline;
 use weldpath::seam::score::edges;
 
-#[path = "../clouds/mod.rs"]
-mod clouds;
-
 /// Edge of the voxels that are compared, mm.
 const VOXEL_MM: f32 = 1.0;
 fn main() {

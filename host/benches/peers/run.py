@@ -175,11 +175,11 @@ def main():
 
 def own_programs():
     """Where the bench and the command are, built anew."""
-    message = subprocess.run(
-        ["cargo", "bench", "-p", "weldpath", "--bench", "peers", "--no-run", "--message-format=json"],
-        cwd=ROOT, check=True, stdout=subprocess.PIPE, text=True,
-    ).stdout
-    targets = [json.loads(line) for line in message.splitlines()]
+    targets = []
+    for build in ["bench -p weldpath-benches --bench peers --no-run", "build --release -p weldpath"]:
+        command = ["cargo", *build.split(), "--message-format=json"]
+        message = subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.PIPE, text=True).stdout
+        targets += [json.loads(line) for line in message.splitlines()]
     return {t["target"]["name"]: t["executable"] for t in targets if t.get("executable")}
 
 

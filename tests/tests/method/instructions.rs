@@ -12,8 +12,6 @@ use weldpath::model::denoising::{BilateralConfig, bilateral};
 use weldpath::pipeline;
 use weldpath::seam::score::edges;
 
-use crate::clouds;
-
 const BASELINE: &str = include_str!("instructions.txt");
 const CASES: [&str; 3] = ["edge_scores", "bilateral_filter", "whole_plan"];
 const POINTS: usize = 10_000;

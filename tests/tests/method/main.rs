@@ -1,9 +1,5 @@
 //! From scans to seams and torch paths: fixtures, simulated scans, scans of others.
 
-#[path = "../../../host/benches/clouds/mod.rs"]
-#[allow(dead_code)]
-mod clouds;
-
 mod accuracy;
 mod air_moves;
 mod asking;

@@ -7,8 +7,6 @@ use weldpath::geometry::cloud::View;
 use weldpath::input;
 use weldpath::pipeline::{self, Config, Plan};
 
-use crate::clouds;
-
 fn planned(views: &[View], threads: usize) -> Plan {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
     pool.install(|| pipeline::plan(views, &Config::default(), &mut ())).expect("a seam")
