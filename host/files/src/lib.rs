@@ -246,7 +246,7 @@ impl<'a> Writer<'a> {
 /// Writes all `files` into `directory` as a [`Writer`] does that replaces only what an earlier run wrote.
 ///
 /// ```
-/// use weldpath::files::{File, write};
+/// use weldpath_files::{File, write};
 ///
 /// let folder = tempfile::tempdir()?;
 /// write(folder.path(), &[File::new("a.txt", "one"), File::new("b.txt", "two")]).expect("all of them or none");

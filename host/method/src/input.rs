@@ -245,7 +245,7 @@ impl Error {
 ///
 /// ```
 /// use std::path::Path;
-/// use weldpath::input::{self, Options};
+/// use weldpath_method::input::{self, Options};
 ///
 /// let error = input::read(Path::new("no-such-scan"), &Options::default()).unwrap_err();
 /// assert!(error.to_string().contains("INPUT is a folder with scan.json"));
@@ -309,7 +309,7 @@ fn read_any(input: &Path, options: &Options) -> Result<Scan, Error> {
 ///
 /// ```
 /// use std::path::Path;
-/// use weldpath::input::{self, Options, Units};
+/// use weldpath_method::input::{self, Options, Units};
 ///
 /// let options = Options { units: Units::Metres, ..Options::default() };
 /// let scan = input::read_bytes(b"0.10 0 0\n0.11 0 0\n".to_vec(), Path::new("part.xyz"), &options)?;

@@ -39,7 +39,7 @@ pub const RAW_CELL_MM: f32 = 5.0;
 ///
 /// ```
 /// use std::path::Path;
-/// use weldpath::{input, pipeline};
+/// use weldpath_method::{input, pipeline};
 ///
 /// // A level plate of 40 by 40 mm and nothing on it: no seam, and a reason why.
 /// let rows = (0..1600).map(|i| format!("{} {} {}\n", i % 40, i / 40, 0.001 * f64::from(i % 7)));

@@ -137,7 +137,7 @@ impl Link {
     /// Opens a session on the line, repeating Hello for [`HELLO_PATIENCE`].
     ///
     /// ```no_run
-    /// use weldpath::pendant::{link::Link, serial};
+    /// use weldpath_pendant::{link::Link, serial};
     ///
     /// let line = serial::open(&"/dev/ttyACM0".parse()?, 115_200)?;
     /// let link = Link::open(line)?;

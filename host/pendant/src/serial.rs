@@ -20,7 +20,7 @@ pub const WRITE_TIMEOUT: Duration = Duration::from_millis(500);
 /// Where a pendant is.
 ///
 /// ```
-/// use weldpath::pendant::serial::Address;
+/// use weldpath_pendant::serial::Address;
 ///
 /// assert_eq!("localhost:4000".parse(), Ok(Address::Tcp("localhost:4000".into())));
 /// assert_eq!("/dev/ttyACM0".parse(), Ok(Address::Device("/dev/ttyACM0".into())));

@@ -16,8 +16,8 @@ pub const FRAME: &str = "frame";
 ///
 /// ```
 /// use nalgebra::{Point3, UnitQuaternion};
-/// use weldpath::weld::{PathPoint, Process, SeamPath};
-/// use weldpath::output::{csv, frame::PathFrame};
+/// use weldpath_method::weld::{PathPoint, Process, SeamPath};
+/// use weldpath_job::output::{csv, frame::PathFrame};
 ///
 /// let at = |x_mm: f64| PathPoint {
 ///     s_mm: x_mm,

@@ -105,8 +105,8 @@ pub(super) fn rounded(value: f64, per_unit: f64) -> f64 {
 ///
 /// ```
 /// use nalgebra::{Point3, UnitQuaternion};
-/// use weldpath::weld::program::{Kind, Waypoint};
-/// use weldpath::output::{frame::PathFrame, json};
+/// use weldpath_method::weld::program::{Kind, Waypoint};
+/// use weldpath_job::output::{frame::PathFrame, json};
 ///
 /// let at = |x_mm| Waypoint {
 ///     position_mm: Point3::new(x_mm, 0.0, 0.0),

@@ -37,10 +37,10 @@ macro_rules! dialects {
             /// A seam is longer than a program of this dialect may be.
             ///
             /// ```
-            /// use weldpath::robot::dialect::Dialect;
-            /// use weldpath::run::job::Job;
+            /// use weldpath_job::robot::dialect::Dialect;
+            /// use weldpath_job::run::job::Job;
             /// use nalgebra::{Point3, UnitQuaternion};
-            /// use weldpath::weld::program::{Kind, Waypoint};
+            /// use weldpath_method::weld::program::{Kind, Waypoint};
             ///
             /// let at = |x_mm| Waypoint {
             ///     position_mm: Point3::new(x_mm, 0.0, 0.0),
@@ -55,7 +55,7 @@ macro_rules! dialects {
             /// let files = Dialect::Ur.write(&program, &Job::default().program_setup())?;
             /// assert_eq!(files[0].name, "path.script");
             /// assert!(String::from_utf8_lossy(&files[0].bytes).contains("movep("));
-            /// # Ok::<(), weldpath::robot::dialect::moves::TooLong>(())
+            /// # Ok::<(), weldpath_job::robot::dialect::moves::TooLong>(())
             /// ```
             pub fn write(self, waypoints: &[Waypoint], setup: &ProgramSetup) -> Result<Vec<File>, TooLong> {
                 match self {

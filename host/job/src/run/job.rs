@@ -267,13 +267,13 @@ impl Job {
     ///
     /// ```
     /// use std::path::Path;
-    /// use weldpath::run::job::Job;
+    /// use weldpath_job::run::job::Job;
     ///
     /// let job = Job::parse("[path]\nfeed_mm_s = 6.5\n", Path::new("job.toml"))?;
     /// assert!(job.to_toml().contains("feed_mm_s = 6.5"));
     /// let error = Job::parse("[path]\nfeed_mm_min = 400\n", Path::new("job.toml")).unwrap_err();
     /// assert_eq!(error.hint(), "did you mean `feed_mm_s`? It is in millimetres per second; convert the number");
-    /// # Ok::<(), weldpath::run::job::Error>(())
+    /// # Ok::<(), weldpath_job::run::job::Error>(())
     /// ```
     pub fn parse(text: &str, path: &Path) -> Result<Self, Error> {
         let job: Self = toml::from_str(text).map_err(|error| refusal::of_toml(text, path, &error))?;

@@ -160,8 +160,8 @@ pub fn refit(program: &[Waypoint], model: &PointCloud, new: &PointCloud) -> Resu
 ///
 /// ```
 /// use nalgebra::{Isometry3, Point3, UnitQuaternion};
-/// use weldpath::run::refit::moved;
-/// use weldpath::weld::program::{Kind, Waypoint};
+/// use weldpath_job::run::refit::moved;
+/// use weldpath_method::weld::program::{Kind, Waypoint};
 ///
 /// let at = |x_mm| Waypoint {
 ///     position_mm: Point3::new(x_mm, 0.0, 0.0),

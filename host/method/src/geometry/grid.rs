@@ -143,7 +143,7 @@ impl Grid {
     ///
     /// ```
     /// use nalgebra::Point3;
-    /// use weldpath::geometry::grid::Grid;
+    /// use weldpath_method::geometry::grid::Grid;
     ///
     /// let points = [Point3::new(0.0, 0.0, 0.0), Point3::new(3.0, 0.0, 0.0), Point3::new(9.0, 0.0, 0.0)];
     /// let grid = Grid::new(&points, 4.0);

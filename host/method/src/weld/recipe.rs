@@ -79,9 +79,9 @@ impl Default for Recipe {
 ///
 /// ```
 /// use nalgebra::{Point3, UnitQuaternion};
-/// use weldpath::weld::{PathPoint, Process, SeamPath};
-/// use weldpath::weld::recipe::{Recipe, apply};
-/// use weldpath::weld::resampling::Sampling;
+/// use weldpath_method::weld::{PathPoint, Process, SeamPath};
+/// use weldpath_method::weld::recipe::{Recipe, apply};
+/// use weldpath_method::weld::resampling::Sampling;
 ///
 /// let at = |x_mm: f64| PathPoint {
 ///     s_mm: x_mm,

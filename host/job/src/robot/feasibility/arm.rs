@@ -64,7 +64,7 @@ pub struct Arm {
 /// The arm of this name, in any case; see [`catalogue::NAMES`].
 ///
 /// ```
-/// use weldpath::robot::feasibility::arm::by_name;
+/// use weldpath_job::robot::feasibility::arm::by_name;
 ///
 /// let arm = by_name("UR10e").unwrap();
 /// let joints_rad = [0.1, -1.2, 1.4, -0.5, 1.3, 0.2];
