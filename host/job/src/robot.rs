@@ -3,4 +3,5 @@
 pub mod arc;
 pub mod dialect;
 pub mod feasibility;
+pub mod posture;
 pub mod tool;

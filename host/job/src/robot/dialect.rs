@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 
 use self::moves::TooLong;
 use super::arc::WeldingArc;
+use super::posture::PlannedPosture;
 use super::tool::Tool;
 use weldpath_files::File;
 use weldpath_method::weld::program::Waypoint;
@@ -93,6 +94,8 @@ pub struct ProgramSetup {
     pub tool: Option<Tool>,
     /// How the arc is switched.
     pub arc: WeldingArc,
+    /// How the arm stands; none leaves it to the controller.
+    pub posture: Option<PlannedPosture>,
     /// What stands in the head of every program, one line each, beside what the dialect itself says.
     pub remarks: Vec<String>,
 }

@@ -399,6 +399,7 @@ impl Job {
             weld_schedule: self.program.weld_schedule.get(),
             tool: self.tool(),
             arc: self.arc(),
+            posture: None,
             remarks: Vec::new(),
         }
     }

@@ -234,6 +234,7 @@ mod tests {
             weld_schedule: 1,
             tool: None,
             arc,
+            posture: None,
             remarks: vec![],
         };
         let script = script(&seam, &setup);

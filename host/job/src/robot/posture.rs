@@ -1,0 +1,37 @@
+//! How the arm stands along a program, as its controller counts joints, for the programs that say so.
+
+use super::dialect::Dialect;
+
+/// Along a whole program: one continuous motion of the joints, on one branch within each weld.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PlannedPosture {
+    /// Whose controller counts the joints so. None: an arm of the job's own, whose joints count as its controller's.
+    pub counted_by: Option<Dialect>,
+    /// At each waypoint.
+    pub stances: Vec<Stance>,
+    /// Where the program begins, degrees; none begins at the first waypoint, from wherever the arm stands.
+    pub home_deg: Option<[f64; 6]>,
+    /// What follows the last waypoint.
+    pub end: ProgramEnd,
+}
+
+/// The arm at one waypoint.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Stance {
+    /// As the controller counts them, whole turns included.
+    pub joints_deg: [f64; 6],
+    /// Joint 1 faces the wrist and not away from it.
+    pub front: bool,
+    /// The elbow is above the line from the shoulder to the wrist.
+    pub elbow_up: bool,
+}
+
+/// What follows the last waypoint.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum ProgramEnd {
+    /// The arm stays there.
+    #[default]
+    Stay,
+    /// It goes home by joints, on a way that was checked.
+    Home,
+}
