@@ -17,7 +17,7 @@ use weldpath::run::job::quantity::{
 use weldpath::run::job::robot::{RobotSettings, TorchBodySettings};
 use weldpath::run::job::scan::AnchorName;
 use weldpath::run::job::touch::TouchSettings;
-use weldpath::run::job::{Formats, Job, MethodName, Sequence};
+use weldpath::run::job::{Job, MethodName, Sequence};
 use weldpath::run::planning::{self, Kept};
 use weldpath::run::postprocessing;
 use weldpath::run::postprocessing::{Output, postprocess};
@@ -249,7 +249,7 @@ fn job(args: &Args) -> Result<Job, Failure> {
     job.selection.roi_mm = args.roi.or(job.selection.roi_mm);
     where_to_look(&mut job, args)?;
     if !args.robot.is_empty() {
-        job.formats = Formats(args.robot.clone());
+        job.formats = Some(args.robot.clone());
     }
     if args.spacing_mm.is_some() || args.points.is_some() {
         (job.path.spacing_mm, job.path.points) = (args.spacing_mm, args.points);
@@ -346,6 +346,10 @@ fn touches(job: &mut Job, args: &Args) -> Result<(), Failure> {
 fn place_robot(job: &mut Job, args: &Args) -> Result<(), Failure> {
     if let Some(named) = &args.robot_model {
         let robot = job.robot.get_or_insert_with(Default::default);
+        // Another arm has another home.
+        if robot.model != named.model || robot.opw.is_some() {
+            (robot.home_deg, robot.end) = Default::default();
+        }
         (robot.model, robot.opw) = (named.model.clone(), None);
     }
     let Some(base) = &args.robot_base else { return Ok(()) };

@@ -9,6 +9,7 @@ use weldpath::output::frame::PathFrame;
 use weldpath::output::verdict::ReasonId;
 use weldpath::output::{json, ply};
 use weldpath::run::job::Job;
+use weldpath::robot::dialect::ProgramSetup;
 use weldpath::run::postprocessing::program_files;
 use weldpath::run::refit;
 use weldpath::run::refit::Refit;
@@ -72,8 +73,8 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
             .hint("scan the ends of the part, too; or check the place, and say --accept-unknown"));
     }
     let program = refit::moved(&saved.program, &fit.new_from_old);
-    let mut files = program_files(&program, frame, &saved.job, &[refitted(&args.saved)])
-        .map_err(super::plan::too_long)?;
+    let setup = ProgramSetup { remarks: vec![refitted(&args.saved)], ..saved.job.program_setup() };
+    let mut files = program_files(&program, frame, &saved.job, &setup).map_err(super::plan::too_long)?;
     files.push(File::new("model.ply", ply::write(&new, frame)));
     files.push(File::new("job.toml", saved.job.to_toml()));
     files.push(File::new("refit.json", summary(&fit)));
@@ -85,7 +86,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
 
 /// A program for a robot needs a scan that says where the robot is.
 fn hold_frame(frame: PathFrame, job: &Job) -> Result<(), Failure> {
-    if frame != PathFrame::Camera || job.formats.0.is_empty() || job.accept.contains(&ReasonId::CameraFrame) {
+    if frame != PathFrame::Camera || job.dialects().is_empty() || job.accept.contains(&ReasonId::CameraFrame) {
         return Ok(());
     }
     let message =

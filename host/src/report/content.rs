@@ -146,7 +146,7 @@ pub(super) fn document(run: &Run, scene: &Scene) -> (String, Vec<u8>) {
     };
     let waypoints = &output.program.waypoints;
     let shown: Vec<usize> = shown(waypoints).collect();
-    let arm = job.feasibility().and_then(|setup| setup.robot);
+    let arm = job.feasibility().and_then(|setup| setup.robot).zip(output.feasibility.as_ref());
     let content = Content {
         format: "weldpath-report",
         version: VERSION,
@@ -165,7 +165,7 @@ pub(super) fn document(run: &Run, scene: &Scene) -> (String, Vec<u8>) {
         seams: plan.seams.iter().map(seam_line).collect(),
         waypoints: shown.iter().map(|&i| row(&waypoints[i])).collect(),
         waypoints_of: waypoints.len(),
-        arm: arm.map(|arm| ArmDrawing::new(&arm, waypoints, &shown)),
+        arm: arm.map(|(arm, report)| ArmDrawing::new(&arm, report, &shown)),
         histograms: histograms(run),
     };
     // Strings, finite numbers and lists only: there is nothing serde_json could refuse.

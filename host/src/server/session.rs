@@ -11,6 +11,7 @@ use tokio::sync::watch;
 use super::command::{self, Target};
 use super::edit::Edit;
 use crate::report::{Edition, Recording};
+use weldpath_job::robot::dialect::Dialect;
 use weldpath_job::robot::feasibility::catalogue;
 use weldpath_job::run::job::{
     Job, PassSettings, PathSettings, SeamSettings, Sequence, StitchSettings, TorchSettings, WeaveSettings,
@@ -140,6 +141,8 @@ struct Overview<'a> {
     undo: Option<&'a str>,
     redo: Option<&'a str>,
     job: &'a Job,
+    /// Whose programs are written.
+    formats: Vec<Dialect>,
     settings: Settings,
     seams: Vec<SeamState>,
     /// Ids of all seams: first those that are welded, in their order.
@@ -355,6 +358,7 @@ impl Session {
             undo: desk.undo.last().map(|step| step.words.as_str()),
             redo: desk.redo.last().map(|step| step.words.as_str()),
             job: &desk.job,
+            formats: desk.job.dialects(),
             settings: Settings::from(&desk.job.weld()),
             seams: desk.seams(),
             order: desk.order(),

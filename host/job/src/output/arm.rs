@@ -1,13 +1,12 @@
-//! The robot's arm as the page draws it: its links at nominal radius, which nothing is checked against, and its joints along the
-//! program, as the feasibility check follows them.
+//! The robot's arm as the page draws it: its links, its joints along the program, and where a link touches, all as the
+//! feasibility check has them.
 
 use nalgebra::{Isometry3, Point3};
 use serde::Serialize;
 
-use crate::robot::feasibility::PlacedArm;
 use crate::robot::feasibility::arm::Joints;
-use crate::robot::feasibility::chain::{JointAxis, LinkChain};
-use weldpath_method::weld::program::Waypoint;
+use crate::robot::feasibility::chain::{Capsule, JointAxis, LinkChain};
+use crate::robot::feasibility::{PlacedArm, Report};
 
 /// A pose: x, y, z in mm and the quaternion w, x, y, z.
 type Pose = [f64; 7];
@@ -20,23 +19,24 @@ pub struct ArmDrawing {
     /// A place on the axis of each joint, mm, and its direction.
     axes: [[f64; 6]; 6],
     /// What stands still, then what each joint carries.
-    links_mm: [Vec<[f64; 3]>; 7],
-    radii_mm: [f64; 2],
+    /// Ends and radius of each capsule.
+    links_mm: [Vec<[f64; 7]>; 7],
     robot_from_tcp: Pose,
     /// For each waypoint of the page the joints along the move to it, rad; none where the arm reaches none.
     joints_rad: Vec<Vec<Option<Joints>>>,
+    /// For each waypoint of the page the link that touches something on the move to it, 7 for the torch.
+    touching: Vec<Option<usize>>,
 }
 
 impl ArmDrawing {
-    /// Along the waypoints, of which the page has those that are `shown`.
-    pub fn new(arm: &PlacedArm, waypoints: &[Waypoint], shown: &[usize]) -> Self {
-        let LinkChain { axes, links_mm, base_from_flange, radii_mm } = LinkChain::of(&arm.arm);
-        let mut motion = arm.motion(waypoints);
+    /// Along the waypoints of a report, of which the page has those that are `shown`.
+    pub fn new(arm: &PlacedArm, report: &Report, shown: &[usize]) -> Self {
+        let LinkChain { axes, capsules, base_from_flange, .. } = LinkChain::of(&arm.arm);
         let joints_rad = shown.iter().enumerate().map(|(k, &i)| {
-            let mut joints_rad = std::mem::take(&mut motion[i]);
+            let mut joints_rad = report.motion.get(i).cloned().unwrap_or_default();
             // Over waypoints that the page has not the poses between would not divide the move evenly.
             if k > 0 && shown[k - 1] + 1 != i {
-                joints_rad.drain(..joints_rad.len() - 1);
+                joints_rad.drain(..joints_rad.len().saturating_sub(1));
             }
             joints_rad.into_iter().map(|joints| joints.map(|angles| rounded(angles, PER_RAD))).collect()
         });
@@ -44,10 +44,12 @@ impl ArmDrawing {
             name: arm.arm.name.clone(),
             base_from_robot: pose(&arm.base_from_robot),
             axes: axes.map(axis),
-            links_mm: links_mm.map(|link| link.into_iter().map(place).collect()),
-            radii_mm: radii_mm.map(f64::round),
+            links_mm: std::array::from_fn(|link| {
+                capsules.iter().filter(|capsule| capsule.link == link).map(bar).collect()
+            }),
             robot_from_tcp: pose(&(base_from_flange * arm.flange_from_tcp)),
             joints_rad: joints_rad.collect(),
+            touching: shown.iter().map(|&i| Some(report.checks.get(i)?.joints?.touch?.link.index)).collect(),
         }
     }
 }
@@ -62,6 +64,11 @@ fn rounded<const N: usize>(values: [f64; N], steps: f64) -> [f64; N] {
 
 fn place(p: Point3<f64>) -> [f64; 3] {
     rounded(p.into(), PER_MM)
+}
+
+fn bar(capsule: &Capsule) -> [f64; 7] {
+    let [[ax, ay, az], [bx, by, bz]] = capsule.ends_mm.map(place);
+    [ax, ay, az, bx, by, bz, capsule.radius_mm]
 }
 
 fn pose(pose: &Isometry3<f64>) -> Pose {

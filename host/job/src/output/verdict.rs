@@ -92,6 +92,8 @@ reasons! {
     NoSeam => "no-seam", Refused;
     /// The tip would be inside the work.
     TipInside => "tip-inside", Refused;
+    /// The arm cannot run the program.
+    Infeasible => "infeasible", Refused;
     /// A view that fits no others is left out.
     ViewLeftOut => "view-left-out", Check;
     /// A view could not be registered.
@@ -118,8 +120,12 @@ reasons! {
     BaseErrorOverLimit => "base-error-over-limit", Check;
     /// The torch would touch what was scanned.
     TorchCollision => "torch-collision", Check;
-    /// The arm cannot run the program.
-    Infeasible => "infeasible", Check;
+    /// The arm stands as nobody would have it stand, since no other way of standing is free.
+    OddPosture => "odd-posture", Check;
+    /// Nothing is known of the way by joints to the first waypoint.
+    FirstMoveUnchecked => "first-move-unchecked", Check;
+    /// A program is written for another maker's controller than the arm's.
+    DialectAndArmDiffer => "dialect-and-arm-differ", Check;
 }
 
 impl std::str::FromStr for ReasonId {
@@ -184,6 +190,8 @@ pub struct Verdict {
     pub state: State,
     /// Why; of one that is ready only what the job accepts.
     pub reasons: Vec<Reason>,
+    /// What was not looked at, in words: a plan without a reason is no surer than this.
+    pub limits: Vec<String>,
 }
 
 impl Verdict {
@@ -196,17 +204,24 @@ impl Verdict {
         let mut reasons: Vec<Reason> = found.into_iter().map(reason).collect();
         reasons.sort_by_key(|reason| (reason.accepted, std::cmp::Reverse(reason.id.state())));
         let open = reasons.iter().filter(|reason| !reason.accepted);
-        Self { state: open.map(|reason| reason.id.state()).max().unwrap_or_default(), reasons }
+        let state = open.map(|reason| reason.id.state()).max().unwrap_or_default();
+        Self { state, reasons, limits: Vec::new() }
     }
 
-    /// The verdict in lines: the state, then every reason with its id.
+    /// With what was not looked at.
+    pub fn with_limits(self, limits: Vec<String>) -> Self {
+        Self { limits, ..self }
+    }
+
+    /// The verdict in lines: the state, every reason with its id, and what was not looked at.
     pub fn lines(&self) -> Vec<String> {
         let state = match self.state {
             State::Ready => "verdict: ready",
             State::Check => "verdict: check, a person has to confirm:",
             State::Refused => "verdict: refused, no program is written:",
         };
-        std::iter::once(state.to_owned()).chain(self.reasons.iter().map(Reason::line)).collect()
+        let reasons = self.reasons.iter().map(Reason::line);
+        std::iter::once(state.to_owned()).chain(reasons).chain(self.limits.iter().cloned()).collect()
     }
 }
 

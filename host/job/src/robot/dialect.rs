@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 
 use self::moves::TooLong;
 use super::arc::WeldingArc;
-use super::posture::PlannedPosture;
+use super::posture::{Maker, PlannedPosture};
 use super::tool::Tool;
 use weldpath_files::File;
 use weldpath_method::weld::program::Waypoint;
@@ -32,6 +32,9 @@ macro_rules! dialects {
         }
 
         impl Dialect {
+            /// All of them.
+            pub const ALL: &[Self] = &[$(Self::$name),*];
+
             /// The files of the program.
             ///
             /// # Errors
@@ -79,6 +82,19 @@ dialects! {
     Fanuc => fanuc,
     /// ROS: geometry_msgs/PoseArray, poses.yaml and poses.json.
     Ros => ros,
+}
+
+impl Dialect {
+    /// Whose controllers read it.
+    pub fn maker(self) -> Option<Maker> {
+        match self {
+            Self::Ur => Some(Maker::UniversalRobots),
+            Self::Abb => Some(Maker::Abb),
+            Self::Kuka => Some(Maker::Kuka),
+            Self::Fanuc => Some(Maker::Fanuc),
+            Self::Ros => None,
+        }
+    }
 }
 
 /// Everything the programs need beside the waypoints.

@@ -1,13 +1,16 @@
-//! Whether an arm can run a program (not in the paper): reach, joint limits, singularities, joint speeds, and the torch
-//! against the scanned points. A whole program is feasible if one continuous motion of the joints runs it.
+//! Whether an arm can run a program (not in the paper): reach, joint limits, singularities, joint speeds, and torch and links
+//! against the scanned points, the floor and each other. A whole program is feasible if one continuous motion of the joints
+//! runs it.
 //!
 //! Millimetres and radians; the scan's base frame unless a name says otherwise. No replacement for the controller's own
-//! simulation: links, cables, external axes and what was not scanned are not looked at.
+//! simulation: links have nominal sizes, and external axes and what was not scanned are not looked at.
 
 pub mod arm;
+pub mod body;
 mod branch;
 pub mod catalogue;
 pub mod chain;
+pub mod links;
 mod moves;
 pub mod offset_wrist;
 pub mod problem;
@@ -18,9 +21,12 @@ pub mod torch;
 use nalgebra::{Isometry3, Quaternion, UnitQuaternion};
 use rayon::prelude::*;
 
+use super::posture::{PlannedPosture, ProgramEnd};
 use arm::{Arm, Joints};
+use branch::Way;
+use links::{Links, Touch};
 use moves::Station;
-use problem::Problem;
+use problem::{Problem, ProblemKind};
 use suggestion::{Rewelded, Suggestion};
 use torch::{Obstacles, Torch};
 use weldpath_method::geometry::cloud::PointCloud;
@@ -35,6 +41,24 @@ pub struct PlacedArm {
     pub base_from_robot: Isometry3<f64>,
     /// Tip of the wire in the flange's frame, mm; z out of the torch, into the work.
     pub flange_from_tcp: Isometry3<f64>,
+    /// Below which no link may go.
+    pub floor: Floor,
+    /// Where the program begins; none begins at the first waypoint, from wherever the arm stands.
+    pub home_rad: Option<Joints>,
+    /// What follows the last waypoint.
+    pub end: ProgramEnd,
+}
+
+/// The floor under an arm, in the scan's base frame, whose z points up.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum Floor {
+    /// What the arm is mounted on, or the lowest scanned place if that is lower.
+    #[default]
+    Mounting,
+    /// At this height, mm.
+    At(f64),
+    /// None, as the job says.
+    None,
 }
 
 /// What is checked.
@@ -61,6 +85,21 @@ pub struct JointCheck {
     pub step_rad: f64,
     /// Largest speed of a joint on the move at its feed, as a share of what the joint can do.
     pub speed_share: f64,
+    /// The deepest touch of a link on the move.
+    pub touch: Option<Touch>,
+    /// How the arm stands there that nobody would have it stand.
+    pub odd: Option<Oddity>,
+}
+
+/// Why nobody would have an arm stand so.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Oddity {
+    /// The elbow hangs below the line from shoulder to wrist.
+    ElbowBelow,
+    /// It reaches backwards over itself.
+    ReachesBack,
+    /// The wrist is bent by less than [`LEAST_BEND_DEG`].
+    WristStraight,
 }
 
 /// One waypoint and the move to it.
@@ -83,6 +122,13 @@ pub struct Report {
     pub problems: Vec<Problem>,
     /// At most one per seam; each was tried.
     pub suggestions: Vec<Suggestion>,
+    /// The joints along the move to each waypoint, at poses that divide it evenly, the last of them at the waypoint; none
+    /// where the arm reaches none. Empty without an arm.
+    pub motion: Vec<Vec<Option<Joints>>>,
+    /// Height of the floor that the links were held against, mm.
+    pub floor_mm: Option<f64>,
+    /// For the robot's program, where every waypoint is reached and it is known how the controller counts the joints.
+    pub posture: Option<PlannedPosture>,
 }
 
 impl Report {
@@ -101,20 +147,41 @@ impl Report {
 
 /// Checks the program that `program` makes without changes, and tries changes where it fails.
 pub(crate) fn assess(program: &Rewelded, model: &PointCloud, setup: &FeasibilitySetup) -> Report {
-    let checker = Checker { setup, obstacles: Obstacles::new(model) };
+    let obstacles = Obstacles::new(model);
+    let checker = Checker::new(setup, &obstacles);
     let waypoints = program(&[]);
-    let checks = checker.checks(&waypoints, Depth::Full);
-    let problems = checker.problems(&waypoints, &checks);
+    let stations = moves::stations(&waypoints);
+    let way = checker.links.as_ref().map(|links| links.follow(&stations));
+    let checks = checker.checks(&stations, waypoints.len(), way.as_ref(), Depth::Full);
+    let mut problems = checker.problems(&waypoints, &checks);
+    problems.extend(checker.ways_of_home(&waypoints, &checks));
     let suggestions = suggestion::tried(&checker, program, &problems);
-    let robot = setup.robot.as_ref().map(|robot| robot.arm.name.clone());
-    Report { robot, checks, problems, suggestions }
+    let robot = setup.robot.as_ref();
+    Report {
+        robot: robot.map(|robot| robot.arm.name.clone()),
+        floor_mm: checker.links.as_ref().and_then(|links| links.floor_mm),
+        posture: checker.links.as_ref().and_then(|links| links.posture(&checks)),
+        motion: way.map(|way| motion(&stations, way, waypoints.len())).unwrap_or_default(),
+        checks,
+        problems,
+        suggestions,
+    }
 }
 
 /// Where the torch alone would touch what was scanned; nothing else is looked at, and nothing is tried.
 pub(crate) fn collisions(waypoints: &[Waypoint], model: &PointCloud, torch: Torch) -> Vec<Problem> {
     let setup = FeasibilitySetup { robot: None, torch, clearance_mm: 0.0 };
-    let checker = Checker { setup: &setup, obstacles: Obstacles::new(model) };
-    checker.problems(waypoints, &checker.checks(waypoints, Depth::Fatal))
+    let obstacles = Obstacles::new(model);
+    let checker = Checker::new(&setup, &obstacles);
+    checker.problems(waypoints, &checker.checked(waypoints, Depth::Fatal))
+}
+
+fn motion(stations: &[Station], way: Way, waypoints: usize) -> Vec<Vec<Option<Joints>>> {
+    let mut moves = vec![Vec::new(); waypoints];
+    for (station, joints_rad) in stations.iter().zip(way.joints_rad) {
+        moves[station.waypoint].push(joints_rad);
+    }
+    moves
 }
 
 /// How much is computed.
@@ -131,14 +198,25 @@ enum Depth {
 /// The setup with the scan sorted for it.
 struct Checker<'a> {
     setup: &'a FeasibilitySetup,
-    obstacles: Obstacles,
+    obstacles: &'a Obstacles,
+    links: Option<Links<'a>>,
 }
 
-impl Checker<'_> {
+impl<'a> Checker<'a> {
+    fn new(setup: &'a FeasibilitySetup, obstacles: &'a Obstacles) -> Self {
+        let links = setup.robot.as_ref().map(|robot| Links::new(robot, &setup.torch, obstacles));
+        Self { setup, obstacles, links }
+    }
+
     /// One check per waypoint, of everything that `depth` asks for.
-    fn checks(&self, waypoints: &[Waypoint], depth: Depth) -> Vec<Check> {
+    fn checked(&self, waypoints: &[Waypoint], depth: Depth) -> Vec<Check> {
         let stations = moves::stations(waypoints);
-        let mut checks = vec![Check::default(); waypoints.len()];
+        let way = self.links.as_ref().map(|links| links.follow(&stations));
+        self.checks(&stations, waypoints.len(), way.as_ref(), depth)
+    }
+
+    fn checks(&self, stations: &[Station], waypoints: usize, way: Option<&Way>, depth: Depth) -> Vec<Check> {
+        let mut checks = vec![Check::default(); waypoints];
         if depth != Depth::Joints {
             let clearances: Vec<Option<f64>> =
                 stations.par_iter().map(|station| self.clearance_mm(station)).collect();
@@ -148,11 +226,9 @@ impl Checker<'_> {
                     [check.clearance_mm, clearance_mm].into_iter().flatten().reduce(f64::min);
             }
         }
-        let fully = depth == Depth::Full;
-        if let Some(robot) = &self.setup.robot {
-            for (check, joints) in
-                checks.iter_mut().zip(robot.joint_checks(&stations, waypoints.len(), fully))
-            {
+        if let (Some(links), Some(way)) = (&self.links, way) {
+            let joints = links.joint_checks(stations, way, waypoints, depth == Depth::Full);
+            for (check, joints) in checks.iter_mut().zip(joints) {
                 check.joints = joints;
             }
         }
@@ -165,6 +241,50 @@ impl Checker<'_> {
 
     fn clearance_mm(&self, station: &Station) -> Option<f64> {
         self.obstacles.clearance_mm(&self.setup.torch, &station.tip_mm, &station.base_from_torch)
+    }
+
+    /// What stands in the way from home to the first waypoint, and from the last to home.
+    fn ways_of_home(&self, waypoints: &[Waypoint], checks: &[Check]) -> Vec<Problem> {
+        let Some((links, home_rad)) = self.links.as_ref().and_then(|l| Some((l, l.robot.home_rad?))) else {
+            return Vec::new();
+        };
+        let last = waypoints.len().saturating_sub(1);
+        let returns = links.robot.end == ProgramEnd::Home;
+        let ends =
+            std::iter::once((0, ProblemKind::FromHome)).chain(returns.then_some((last, ProblemKind::ToHome)));
+        let problem = |(waypoint, kind): (usize, ProblemKind)| {
+            let joints_rad = checks.get(waypoint)?.joints?.joints_rad;
+            let touch = self.touch_between(links, &home_rad, &joints_rad)?;
+            let seam = waypoints[waypoint].seam;
+            let worst = -touch.depth_mm;
+            Some(Problem {
+                kind,
+                seam,
+                first: waypoint,
+                last: waypoint,
+                worst,
+                touch: Some(touch),
+                odd: None,
+            })
+        };
+        ends.filter_map(problem).collect()
+    }
+
+    /// The deepest touch of links and torch while all joints turn evenly.
+    fn touch_between(&self, links: &Links, from: &Joints, to: &Joints) -> Option<Touch> {
+        let steps = links.steps_between(from, to);
+        let at = |k: usize| std::array::from_fn(|j| from[j] + (to[j] - from[j]) * k as f64 / steps as f64);
+        let touches = (0..=steps).into_par_iter().filter_map(|k| {
+            let joints_rad = at(k);
+            let torch = self.clearance_mm(&links.station(&joints_rad)).filter(|mm| *mm < 0.0);
+            let torch = torch.map(|mm| Touch {
+                link: links::TORCH_LINK,
+                obstacle: links::Obstacle::Work,
+                depth_mm: -mm,
+            });
+            links.touch(&joints_rad).into_iter().chain(torch).max_by(|a, b| a.depth_mm.total_cmp(&b.depth_mm))
+        });
+        touches.max_by(|a, b| a.depth_mm.total_cmp(&b.depth_mm))
     }
 }
 
@@ -180,64 +300,6 @@ impl PlacedArm {
         let base_from_tcp = Isometry3::from_parts(station.tip_mm.into(), turn);
         self.base_from_robot.inv_mul(&base_from_tcp) * self.flange_from_tcp.inverse()
     }
-
-    /// The joints along the move to each waypoint, at poses that divide it evenly, the last of them at the waypoint; none
-    /// where the arm reaches none.
-    pub fn motion(&self, waypoints: &[Waypoint]) -> Vec<Vec<Option<Joints>>> {
-        let stations = moves::stations(waypoints);
-        let way = self.follow(&stations);
-        let mut moves = vec![Vec::new(); waypoints.len()];
-        for (station, joints_rad) in stations.iter().zip(way.joints_rad) {
-            moves[station.waypoint].push(joints_rad);
-        }
-        moves
-    }
-
-    fn follow(&self, stations: &[Station]) -> branch::Way {
-        let poses: Vec<_> = stations.iter().map(|station| self.robot_from_flange(station)).collect();
-        branch::follow(&self.arm, &poses)
-    }
-
-    fn joint_checks(&self, stations: &[Station], waypoints: usize, fully: bool) -> Vec<Option<JointCheck>> {
-        let way = self.follow(stations);
-        let indices: Vec<usize> = (0..stations.len()).collect();
-        let single: Vec<Option<JointCheck>> = indices
-            .par_iter()
-            .map(|&i| {
-                let joints = way.joints_rad[i]?;
-                let before = i.checked_sub(1).and_then(|k| way.joints_rad[k]);
-                Some(self.joint_check(joints, before, stations[i].time_s, way.step_rad[i], fully))
-            })
-            .collect();
-        let mut merged: Vec<Option<Option<JointCheck>>> = vec![None; waypoints];
-        for (station, now) in stations.iter().zip(single) {
-            let slot = &mut merged[station.waypoint];
-            *slot = Some(match slot.take() {
-                None => now,
-                Some(before) => before.zip(now).map(|(before, now)| before.worse(&now)),
-            });
-        }
-        merged.into_iter().map(Option::flatten).collect()
-    }
-
-    fn joint_check(
-        &self,
-        joints: Joints,
-        before: Option<Joints>,
-        time_s: f64,
-        step_rad: f64,
-        fully: bool,
-    ) -> JointCheck {
-        let limits = &self.arm.limits;
-        let margin_rad = (0..6).map(|j| limits.margin_rad(j, joints[j])).fold(f64::INFINITY, f64::min);
-        let share = |before: Joints| {
-            let speed = |j: usize| (joints[j] - before[j]).abs() / time_s / limits.speed_rad_s[j];
-            (0..6).map(speed).fold(0.0, f64::max)
-        };
-        let speed_share = before.filter(|_| time_s > 0.0).map_or(0.0, share);
-        let dexterity = if fully { self.arm.dexterity(&joints) } else { 1.0 };
-        JointCheck { joints_rad: joints, margin_rad, dexterity, step_rad, speed_share }
-    }
 }
 
 impl JointCheck {
@@ -249,6 +311,8 @@ impl JointCheck {
             dexterity: self.dexterity.min(later.dexterity),
             step_rad: self.step_rad.max(later.step_rad),
             speed_share: self.speed_share.max(later.speed_share),
+            touch: links::deeper(self.touch, later.touch),
+            odd: self.odd.or(later.odd),
         }
     }
 }

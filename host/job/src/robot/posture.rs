@@ -1,12 +1,10 @@
 //! How the arm stands along a program, as its controller counts joints, for the programs that say so.
 
-use super::dialect::Dialect;
-
 /// Along a whole program: one continuous motion of the joints, on one branch within each weld.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlannedPosture {
     /// Whose controller counts the joints so. None: an arm of the job's own, whose joints count as its controller's.
-    pub counted_by: Option<Dialect>,
+    pub counted_by: Option<Maker>,
     /// At each waypoint.
     pub stances: Vec<Stance>,
     /// Where the program begins, degrees; none begins at the first waypoint, from wherever the arm stands.
@@ -34,4 +32,29 @@ pub enum ProgramEnd {
     Stay,
     /// It goes home by joints, on a way that was checked.
     Home,
+}
+
+/// Who made an arm and its controller.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Maker {
+    /// Universal Robots.
+    UniversalRobots,
+    /// ABB.
+    Abb,
+    /// KUKA.
+    Kuka,
+    /// FANUC.
+    Fanuc,
+}
+
+impl Maker {
+    /// As people write it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::UniversalRobots => "Universal Robots",
+            Self::Abb => "ABB",
+            Self::Kuka => "KUKA",
+            Self::Fanuc => "FANUC",
+        }
+    }
 }

@@ -24,6 +24,7 @@ use serde::{Deserialize, Serialize};
 use crate::output::verdict::ReasonId;
 use crate::robot::arc::WeldingArc;
 use crate::robot::dialect::{Dialect, ProgramSetup};
+use crate::robot::feasibility::arm::Counting;
 use crate::robot::feasibility::{self, FeasibilitySetup, PlacedArm};
 use crate::robot::tool::Tool;
 use ask::{AskSettings, DrawSettings};
@@ -86,8 +87,9 @@ pub struct Job {
     /// Threshold `t` of eq. (16), for the method of the paper.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ratio_threshold: Option<RatioThreshold>,
-    /// Whose programs are written.
-    pub formats: Formats,
+    /// Whose programs are written; by default that of the robot's maker, and URScript where none is named.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub formats: Option<Vec<Dialect>>,
     /// Reasons of the verdict, by their ids, that stand against running the program and are accepted.
     pub accept: Vec<ReasonId>,
     /// How exact the robot's poses and the hand-eye transform are.
@@ -139,16 +141,6 @@ pub struct Job {
     /// What single seams have of their own.
     #[serde(rename = "seam", skip_serializing_if = "Vec::is_empty")]
     pub seams: Vec<SeamSettings>,
-}
-
-/// Robots whose programs are written; URScript when nothing is said.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-pub struct Formats(pub Vec<Dialect>);
-
-impl Default for Formats {
-    fn default() -> Self {
-        Self(vec![Dialect::default()])
-    }
 }
 
 /// `[program]`.
@@ -296,7 +288,8 @@ impl Job {
             MethodName::Paper => Some(self.ratio_threshold.unwrap_or_default()),
             MethodName::Weldpath => self.ratio_threshold,
         };
-        let job = Self { ratio_threshold, path, torch, weave, stitch, ..self.clone() };
+        let formats = Some(self.dialects());
+        let job = Self { ratio_threshold, formats, path, torch, weave, stitch, ..self.clone() };
         // Every type in it has a TOML form but a path that is no text; without it the job still says how to weld.
         toml::to_string(&job).or_else(|_| toml::to_string(&Self { input: None, ..job })).unwrap_or_default()
     }
@@ -305,6 +298,15 @@ impl Job {
     pub fn schema() -> String {
         let schema = schemars::schema_for!(Self);
         serde_json::to_string_pretty(&schema).map(|text| text + "\n").unwrap_or_default()
+    }
+
+    /// Whose programs are written.
+    pub fn dialects(&self) -> Vec<Dialect> {
+        let of_the_arm = || {
+            let maker = self.robot.as_ref()?.arm()?.counting?.maker?;
+            Dialect::ALL.iter().copied().find(|dialect| dialect.maker() == Some(maker))
+        };
+        self.formats.clone().unwrap_or_else(|| vec![of_the_arm().unwrap_or_default()])
     }
 
     /// How every seam is welded that has nothing of its own.
@@ -356,8 +358,11 @@ impl Job {
                 Some(tool) => robot::pose(tool.flange_from_tcp_mm, tool.flange_from_tcp_rotation_rad),
                 None => Isometry3::translation(0.0, 0.0, ASSUMED_TCP_MM),
             };
-            let base_from_robot = robot.base_from_robot();
-            Some(PlacedArm { arm: robot.arm()?, base_from_robot, flange_from_tcp })
+            let arm = robot.arm()?;
+            let home = |counting: Counting| Some(counting.from_shown_rad(&robot.home_deg?));
+            let home_rad = arm.counting.and_then(home);
+            let (base_from_robot, floor, end) = (robot.base_from_robot(), robot.floor(), robot.program_end());
+            Some(PlacedArm { arm, base_from_robot, flange_from_tcp, floor, home_rad, end })
         });
         let clearance_mm = self.torch_body.unwrap_or_default().keep_off_mm;
         Some(FeasibilitySetup { robot, torch: self.torch_body(), clearance_mm })

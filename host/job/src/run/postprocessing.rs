@@ -36,6 +36,8 @@ pub struct Output {
     pub program: Program,
     /// What was found and how.
     pub summary: Summary,
+    /// Whether robot and torch can run the program; none if the job has neither.
+    pub feasibility: Option<Report>,
     /// The files of the run, the summary among them.
     pub files: Vec<File>,
 }
@@ -86,14 +88,18 @@ pub fn postprocess(plan: &Plan, job: &Job, source: Source) -> Result<Output, Err
     found.extend(verdict::of_plan(plan, job));
     found.extend(verdict::tips_inside(&paths, &plan.model));
     found.extend(problems(&program, plan, job, feasibility.as_ref()));
-    let verdict = Verdict::new(found, &job.accept);
+    found.extend(verdict::of_arm(job));
+    let limits = feasibility.as_ref().map(verdict::limits).unwrap_or_default();
+    let verdict = Verdict::new(found, &job.accept).with_limits(limits);
     let summary = Summary::new(plan, source, &lines, &paths, job.order.up.get(), warnings)
         .with_joints(plan, &stated_joints(plan, job)?, &lines, job.order.up.get())
         .with_feasibility(feasibility.as_ref())
         .with_verdict(verdict);
     let mut files = vec![File::new("path.csv", csv::write(&paths, frame))];
     if summary.verdict().state != State::Refused {
-        files.extend(program_files(&program.waypoints, frame, job, &summary.verdict().lines())?);
+        let posture = feasibility.as_ref().and_then(|report| report.posture.clone());
+        let setup = ProgramSetup { posture, remarks: summary.verdict().lines(), ..job.program_setup() };
+        files.extend(program_files(&program.waypoints, frame, job, &setup)?);
     }
     files.push(File::new("model.ply", ply::write(&plan.model, frame)));
     if !plan.derived.views.is_empty() {
@@ -104,20 +110,19 @@ pub fn postprocess(plan: &Plan, job: &Job, source: Source) -> Result<Output, Err
     if let Some(report) = &feasibility {
         files.push(File::new("feasibility.csv", feasibility_csv::csv(&program.waypoints, report)));
     }
-    Ok(Output { paths, program, summary, files })
+    Ok(Output { paths, program, summary, feasibility, files })
 }
 
-/// The program, in the coordinates of `frame`, in every form in which it is written, with these remarks in its head.
+/// The program, in the coordinates of `frame`, in every form in which it is written.
 pub fn program_files(
     waypoints: &[Waypoint],
     frame: PathFrame,
     job: &Job,
-    remarks: &[String],
+    setup: &ProgramSetup,
 ) -> Result<Vec<File>, moves::TooLong> {
     let mut files = vec![File::new("path.json", json::write(waypoints, frame))];
-    let setup = ProgramSetup { remarks: remarks.to_vec(), ..job.program_setup() };
-    for dialect in job.formats.0.iter().copied().collect::<BTreeSet<_>>() {
-        files.extend(dialect.write(waypoints, &setup)?);
+    for dialect in job.dialects().into_iter().collect::<BTreeSet<_>>() {
+        files.extend(dialect.write(waypoints, setup)?);
     }
     Ok(files)
 }

@@ -9,7 +9,10 @@ use nalgebra::{Point3, Vector3};
 
 use crate::output::frame::PathFrame;
 use crate::output::verdict::{Finding, ReasonId};
+use crate::robot::dialect::Dialect;
+use crate::robot::feasibility::Report;
 use crate::robot::feasibility::problem::{Problem, ProblemKind};
+use crate::robot::posture::Maker;
 use crate::run::job::Job;
 use weldpath_method::geometry::cloud::PointCloud;
 use weldpath_method::geometry::grid::Grid;
@@ -87,7 +90,7 @@ pub fn of_scan(scan: &Scan, job: &Job) -> Vec<Finding> {
     let mut found = of_doubts(scan);
     found.extend(match scan.frame {
         CloudFrame::Base => None,
-        CloudFrame::Camera if job.formats.0.is_empty() => None,
+        CloudFrame::Camera if job.dialects().is_empty() => None,
         CloudFrame::Camera => Some(Finding::new(
             ReasonId::CameraFrame,
             "the coordinates are those of the camera: nothing says where the robot stands",
@@ -314,17 +317,60 @@ pub(crate) fn tips_inside(paths: &[SeamPath], model: &PointCloud) -> Vec<Finding
     found
 }
 
-/// What the check of torch and arm found.
+/// What stands against the program itself; of what was only tried nothing is fatal.
 pub(crate) fn of_problems(problems: &[Problem], arm: &str) -> Vec<Finding> {
-    let fatal = problems.iter().filter(|problem| problem.kind.is_fatal());
-    let finding = |problem: &Problem| {
-        let id = match problem.kind {
-            ProblemKind::Collision => ReasonId::TorchCollision,
-            _ => ReasonId::Infeasible,
-        };
+    let against = problems.iter().filter_map(|problem| Some((problem, reason(problem.kind)?)));
+    let finding = |(problem, id): (&Problem, ReasonId)| {
         let words = problem.words(arm);
         let named = problem.seam.map(|seam| format!("seam {seam}, ")).unwrap_or_default();
         Finding { id, words: words.strip_prefix(&named).unwrap_or(&words).to_owned(), seam: problem.seam }
     };
-    fatal.map(finding).collect()
+    against.map(finding).collect()
+}
+
+fn reason(kind: ProblemKind) -> Option<ReasonId> {
+    match kind {
+        ProblemKind::Collision => Some(ReasonId::TorchCollision),
+        ProblemKind::OddPosture => Some(ReasonId::OddPosture),
+        kind => kind.is_fatal().then_some(ReasonId::Infeasible),
+    }
+}
+
+/// What the job says, or leaves open, of the arm and its controller.
+pub(crate) fn of_arm(job: &Job) -> Vec<Finding> {
+    let Some((robot, arm)) = job.robot.as_ref().and_then(|robot| Some((robot, robot.arm()?))) else {
+        return Vec::new();
+    };
+    let mut found = Vec::new();
+    let programs: Vec<Dialect> =
+        job.dialects().into_iter().filter(|dialect| dialect.maker().is_some()).collect();
+    let own = arm.counting.and_then(|counting| counting.maker);
+    let others = |dialect: &&Dialect| own.is_some() && dialect.maker() != own;
+    if let Some(other) = programs.iter().find(others) {
+        let words = format!(
+            "a program for {} is written, and {} is another maker's: leave --robot and formats out, or name the arm that \
+             is there",
+            other.maker().map(Maker::name).unwrap_or_default(),
+            arm.name
+        );
+        found.push(Finding::new(ReasonId::DialectAndArmDiffer, words));
+    }
+    if robot.home_deg.is_none() && !programs.is_empty() {
+        let words = "the way by joints to the first waypoint is not checked, since nothing says where the arm stands: give \
+                     [robot] home_deg, or watch it";
+        found.push(Finding::new(ReasonId::FirstMoveUnchecked, words));
+    }
+    found
+}
+
+/// What the check of the links did not look at.
+pub(crate) fn limits(report: &Report) -> Vec<String> {
+    let Some(arm) = &report.robot else { return Vec::new() };
+    let floor = match report.floor_mm {
+        Some(floor_mm) => format!("a floor at z = {floor_mm:.0} mm"),
+        None => "no floor, as the job says".into(),
+    };
+    vec![format!(
+        "links of {arm} checked against what was scanned and {floor} only: what no view saw is not known to be free"
+    )]
 }

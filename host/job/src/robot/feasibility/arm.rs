@@ -2,6 +2,9 @@
 
 use nalgebra::{Isometry3, Matrix6, Vector3};
 
+use crate::robot::posture::Maker;
+
+use super::body::Body;
 use super::catalogue;
 use super::offset_wrist::OffsetWrist;
 use super::spherical_wrist::SphericalWrist;
@@ -59,6 +62,39 @@ pub struct Arm {
     pub kinematics: Kinematics,
     /// What the joints may do.
     pub limits: Limits,
+    /// How thick it is.
+    pub body: Body,
+    /// How its controller counts the joints; none where nobody says.
+    pub counting: Option<Counting>,
+}
+
+/// How a controller counts the joints that are counted here as [`super::catalogue`] says.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Counting {
+    /// Whose controller; none for an arm of the job's own.
+    pub maker: Option<Maker>,
+    /// Whether its joint 3 counts from the horizontal, so that it is ours less joint 2.
+    pub third_from_level: bool,
+}
+
+impl Counting {
+    /// Degrees, as the controller shows them.
+    pub fn shown_deg(self, joints_rad: &Joints) -> Joints {
+        let mut joints_deg = joints_rad.map(f64::to_degrees);
+        if self.third_from_level {
+            joints_deg[2] -= joints_deg[1];
+        }
+        joints_deg
+    }
+
+    /// The joints that the controller shows as these degrees.
+    pub fn from_shown_rad(self, shown_deg: &Joints) -> Joints {
+        let mut joints_deg = *shown_deg;
+        if self.third_from_level {
+            joints_deg[2] += joints_deg[1];
+        }
+        joints_deg.map(f64::to_radians)
+    }
 }
 
 /// The arm of this name, in any case; see [`catalogue::NAMES`].
@@ -97,6 +133,22 @@ impl Arm {
         match &self.kinematics {
             Kinematics::OffsetWrist(arm) => arm.inverse(base_from_flange),
             Kinematics::SphericalWrist(arm) => arm.inverse(base_from_flange),
+        }
+    }
+
+    /// Where the arm reaches ahead with joint 1 at zero: across its axis, length 1.
+    pub(super) fn ahead(&self) -> Vector3<f64> {
+        match &self.kinematics {
+            Kinematics::OffsetWrist(_) => -Vector3::x(),
+            Kinematics::SphericalWrist(arm) => arm.ahead(),
+        }
+    }
+
+    /// Sine of the bend of the wrist: 0 where the axes of joints 4 and 6 are parallel.
+    pub(super) fn wrist_bend(&self, joints_rad: &Joints) -> f64 {
+        match &self.kinematics {
+            Kinematics::OffsetWrist(_) => joints_rad[4].sin().abs(),
+            Kinematics::SphericalWrist(arm) => arm.wrist_bend(joints_rad),
         }
     }
 

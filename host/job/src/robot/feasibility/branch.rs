@@ -1,14 +1,27 @@
-//! One continuous motion of the joints along a sequence of poses: the least motion over all branches of the inverse
-//! kinematics, by dynamic programming.
+//! One continuous motion of the joints along a sequence of poses, by dynamic programming over all branches of the inverse
+//! kinematics: first of all nothing is touched and no limit broken, then the arm stands as a person would have it stand, then
+//! the joints move least.
+
+use std::cmp::Ordering;
+use std::f64::consts::{PI, TAU};
+use std::ops::Add;
+
+use nalgebra::Isometry3;
+use rayon::prelude::*;
 
 use super::arm::{Arm, Joints, Limits};
-use nalgebra::Isometry3;
-use std::f64::consts::{PI, TAU};
 
 /// Between two poses that are close a joint that turns more than this has changed its branch, rad.
 pub(super) const JUMP_RAD: f64 = 0.35;
-/// What a change of branch, or a joint beyond its limits, costs beside the motion itself, rad².
-const FAULT: f64 = 1e4;
+
+/// How good it is to stand so.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(super) struct Stand {
+    /// A link is inside something.
+    pub touches: bool,
+    /// Nobody would have it stand so.
+    pub odd: bool,
+}
 
 /// A way for the joints, one entry per pose.
 #[derive(Debug, Clone, Default)]
@@ -19,38 +32,81 @@ pub(super) struct Way {
     pub step_rad: Vec<f64>,
 }
 
+/// What is had against a way; what comes first outweighs what follows.
+#[derive(Debug, Clone, Copy, Default)]
+struct Cost {
+    /// Touches, jumps to another branch, joints beyond their limits.
+    faults: usize,
+    odd: usize,
+    /// rad².
+    motion: f64,
+}
+
+impl Cost {
+    fn order(&self, other: &Self) -> Ordering {
+        let counts = (self.faults, self.odd).cmp(&(other.faults, other.odd));
+        counts.then(self.motion.total_cmp(&other.motion))
+    }
+}
+
+impl Add for Cost {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self {
+            faults: self.faults + other.faults,
+            odd: self.odd + other.odd,
+            motion: self.motion + other.motion,
+        }
+    }
+}
+
 /// One solution of the inverse kinematics at one pose.
 struct Node {
     joints_rad: Joints,
+    touches: bool,
     /// Of the best way here, and the node before it.
-    cost: f64,
+    cost: Cost,
     from: Option<usize>,
 }
 
-/// The way with the fewest faults and, among those, the least motion.
+/// The way with least against it.
 ///
 /// Whole turns are settled at the end: each joint's way is shifted to where it stays farthest from its limits.
-pub(super) fn follow(arm: &Arm, base_from_flange: &[Isometry3<f64>]) -> Way {
-    let layers = layers(arm, base_from_flange);
+pub(super) fn follow(
+    arm: &Arm,
+    base_from_flange: &[Isometry3<f64>],
+    judge: impl Fn(&Joints) -> Stand + Sync,
+) -> Way {
+    let stands = |pose: &Isometry3<f64>| -> Vec<(Joints, Stand)> {
+        arm.inverse(pose).into_iter().map(|joints_rad| (joints_rad, judge(&joints_rad))).collect()
+    };
+    let layers = layers(&arm.limits, base_from_flange.par_iter().map(stands).collect());
     let Some(last) = layers.iter().rposition(|layer| !layer.is_empty()) else {
         return Way { joints_rad: vec![None; layers.len()], step_rad: vec![0.0; layers.len()] };
     };
-    let ways = (0..layers[last].len()).map(|end| settled(&arm.limits, unwound(&layers, last, end)));
-    let judged = ways.enumerate().map(|(end, way)| (faults(&arm.limits, &way), layers[last][end].cost, way));
-    judged.min_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1))).map(|(_, _, way)| way).unwrap_or_default()
+    let judged = (0..layers[last].len()).map(|end| {
+        let (way, touching) = unwound(&layers, last, end);
+        let way = settled(&arm.limits, way);
+        let faults = touching + faults(&arm.limits, &way);
+        (Cost { faults, ..layers[last][end].cost }, way)
+    });
+    judged.min_by(|a, b| a.0.order(&b.0)).map(|(_, way)| way).unwrap_or_default()
 }
 
-fn layers(arm: &Arm, base_from_flange: &[Isometry3<f64>]) -> Vec<Vec<Node>> {
-    let mut layers: Vec<Vec<Node>> = Vec::with_capacity(base_from_flange.len());
+fn layers(limits: &Limits, stands: Vec<Vec<(Joints, Stand)>>) -> Vec<Vec<Node>> {
+    let mut layers: Vec<Vec<Node>> = Vec::with_capacity(stands.len());
     let mut previous: Option<usize> = None;
-    for (i, pose) in base_from_flange.iter().enumerate() {
+    for (i, stands) in stands.into_iter().enumerate() {
         let before: &[Node] = previous.map_or(&[], |k| &layers[k]);
         let adjoins = previous.is_some_and(|k| k + 1 == i);
-        let node = |joints_rad: Joints| {
+        let node = |(joints_rad, Stand { touches, odd }): (Joints, Stand)| {
             let (cost, from) = cheapest(before, &joints_rad, adjoins);
-            Node { joints_rad, cost: cost + beyond(&arm.limits, &joints_rad) * FAULT, from }
+            let faults = beyond(limits, &joints_rad) + usize::from(touches);
+            let own = Cost { faults, odd: usize::from(odd), motion: 0.0 };
+            Node { joints_rad, touches, cost: cost + own, from }
         };
-        let layer: Vec<Node> = arm.inverse(pose).into_iter().map(node).collect();
+        let layer: Vec<Node> = stands.into_iter().map(node).collect();
         if !layer.is_empty() {
             previous = Some(i);
         }
@@ -60,24 +116,24 @@ fn layers(arm: &Arm, base_from_flange: &[Isometry3<f64>]) -> Vec<Vec<Node>> {
 }
 
 /// The cheapest way to these joints; after a gap the motion itself counts for nothing.
-fn cheapest(before: &[Node], joints_rad: &Joints, adjoins: bool) -> (f64, Option<usize>) {
+fn cheapest(before: &[Node], joints_rad: &Joints, adjoins: bool) -> (Cost, Option<usize>) {
     let costs = before.iter().enumerate().map(|(k, node)| {
-        let step = if adjoins { motion(&node.joints_rad, joints_rad) } else { 0.0 };
+        let step = if adjoins { motion(&node.joints_rad, joints_rad) } else { Cost::default() };
         (node.cost + step, Some(k))
     });
-    costs.min_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((0.0, None))
+    costs.min_by(|a, b| a.0.order(&b.0)).unwrap_or_default()
 }
 
-fn motion(from: &Joints, to: &Joints) -> f64 {
+fn motion(from: &Joints, to: &Joints) -> Cost {
     let steps = (0..6).map(|j| shortest(to[j] - from[j]));
-    let (sum, largest) =
+    let (motion, largest) =
         steps.fold((0.0, 0f64), |(sum, most), step| (sum + step * step, most.max(step.abs())));
-    sum + if largest > JUMP_RAD { FAULT } else { 0.0 }
+    Cost { faults: usize::from(largest > JUMP_RAD), odd: 0, motion }
 }
 
 /// Joints that no whole turn brings within their limits.
-fn beyond(limits: &Limits, joints_rad: &Joints) -> f64 {
-    (0..6).filter(|&j| limits.margin_rad(j, limits.centred(j, joints_rad[j])) < 0.0).count() as f64
+fn beyond(limits: &Limits, joints_rad: &Joints) -> usize {
+    (0..6).filter(|&j| limits.margin_rad(j, limits.centred(j, joints_rad[j])) < 0.0).count()
 }
 
 /// The angle within half a turn of zero.
@@ -85,12 +141,13 @@ fn shortest(angle_rad: f64) -> f64 {
     (angle_rad + PI).rem_euclid(TAU) - PI
 }
 
-/// The way that ends at node `end` of layer `last`, each joint continued through whole turns.
-fn unwound(layers: &[Vec<Node>], last: usize, end: usize) -> Way {
+/// The way that ends at node `end` of layer `last`, each joint continued through whole turns, and how often it touches.
+fn unwound(layers: &[Vec<Node>], last: usize, end: usize) -> (Way, usize) {
     let mut chosen = vec![None; layers.len()];
-    let mut at = Some(end);
+    let (mut at, mut touching) = (Some(end), 0);
     for (i, layer) in layers.iter().enumerate().take(last + 1).rev().filter(|(_, layer)| !layer.is_empty()) {
         let node = at.and_then(|k| layer.get(k));
+        touching += usize::from(node.is_some_and(|node| node.touches));
         chosen[i] = node.map(|node| node.joints_rad);
         at = node.and_then(|node| node.from);
     }
@@ -106,7 +163,7 @@ fn unwound(layers: &[Vec<Node>], last: usize, end: usize) -> Way {
         gap = joints.is_none();
         before = joints.or(before);
     }
-    way
+    (way, touching)
 }
 
 /// Each joint shifted by the whole turns that leave its whole way farthest from the limits.
@@ -133,6 +190,10 @@ mod tests {
     use super::super::arm::by_name;
     use super::*;
 
+    fn any(_: &Joints) -> Stand {
+        Stand::default()
+    }
+
     fn line(arm: &Arm, from: &Joints, to: &Joints, n: usize) -> (Vec<Joints>, Vec<Isometry3<f64>>) {
         let at = |k: usize| std::array::from_fn(|j| from[j] + (to[j] - from[j]) * k as f64 / n as f64);
         let joints: Vec<Joints> = (0..=n).map(at).collect();
@@ -145,7 +206,7 @@ mod tests {
         let arm = by_name("ur5e").unwrap();
         let (from, to) = ([0.2, -1.4, 1.6, -0.5, 1.1, 0.3], [0.9, -1.0, 1.2, -0.9, 1.5, 1.4]);
         let (joints, poses) = line(&arm, &from, &to, 60);
-        let way = follow(&arm, &poses);
+        let way = follow(&arm, &poses, any);
         assert!(way.step_rad.iter().all(|&step| step < 0.03), "{:?}", way.step_rad);
         // Another branch may move less; on whichever it is, the flange follows.
         for (pose, q) in poses.iter().zip(&way.joints_rad) {
@@ -160,7 +221,7 @@ mod tests {
         let arm = by_name("ur5e").unwrap();
         let (from, to) = ([0.2, -1.4, 1.6, -0.5, 1.1, -4.7], [0.2, -1.4, 1.6, -0.5, 1.1, 4.7]);
         let (_, poses) = line(&arm, &from, &to, 120);
-        let way = follow(&arm, &poses);
+        let way = follow(&arm, &poses, any);
         let last: Vec<f64> = way.joints_rad.iter().map(|q| q.unwrap()[5]).collect();
         assert!(last.windows(2).all(|w| (w[1] - w[0]).abs() < 0.1));
         assert!((last[0] - last[120]).abs() > 9.0);
@@ -168,11 +229,27 @@ mod tests {
     }
 
     #[test]
+    fn what_touches_is_avoided_before_what_is_odd_and_that_before_motion() {
+        let arm = by_name("ur5e").unwrap();
+        let (from, to) = ([0.2, -1.4, 1.6, -0.5, 1.1, 0.3], [0.4, -1.0, 1.2, -0.9, 1.5, 0.9]);
+        let (_, poses) = line(&arm, &from, &to, 60);
+        let bent_down = |q: &Joints| q[2] < 0.0;
+        let touching = |q: &Joints| Stand { touches: !bent_down(q), odd: bent_down(q) };
+        let odd = |q: &Joints| Stand { touches: false, odd: !bent_down(q) };
+        for way in [follow(&arm, &poses, touching), follow(&arm, &poses, odd)] {
+            assert!(way.joints_rad.iter().flatten().all(bent_down));
+            assert!(way.step_rad.iter().all(|&step| step < JUMP_RAD));
+        }
+        let free = follow(&arm, &poses, |q| Stand { touches: bent_down(q), odd: bent_down(q) });
+        assert!(!free.joints_rad.iter().flatten().any(bent_down));
+    }
+
+    #[test]
     fn two_poses_that_no_single_branch_joins_are_a_jump() {
         let arm = by_name("ur5e").unwrap();
         let here = arm.forward(&[0.2, -1.4, 1.6, -0.5, 1.1, 0.3]);
         let there = arm.forward(&[1.2, -1.4, 1.6, -0.5, 1.1, 0.3]);
-        let way = follow(&arm, &[here, there]);
+        let way = follow(&arm, &[here, there], any);
         assert!(way.step_rad[1] > JUMP_RAD);
     }
 
@@ -182,11 +259,11 @@ mod tests {
         let (_, mut poses) =
             line(&arm, &[0.2, -1.4, 1.6, -0.5, 1.1, 0.3], &[0.3, -1.4, 1.6, -0.5, 1.1, 0.3], 4);
         poses[2].translation.vector.x += 5000.0;
-        let way = follow(&arm, &poses);
+        let way = follow(&arm, &poses, any);
         let reached: Vec<bool> = way.joints_rad.iter().map(Option::is_some).collect();
         assert_eq!(reached, [true, true, false, true, true]);
         poses.iter_mut().for_each(|pose| pose.translation.vector.x += 5000.0);
-        assert!(follow(&arm, &poses).joints_rad.iter().all(Option::is_none));
-        assert!(follow(&arm, &[]).joints_rad.is_empty());
+        assert!(follow(&arm, &poses, any).joints_rad.iter().all(Option::is_none));
+        assert!(follow(&arm, &[], any).joints_rad.is_empty());
     }
 }

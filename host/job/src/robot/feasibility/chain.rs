@@ -1,24 +1,20 @@
-//! The axes of an arm and lines through its links, to draw it. Both follow from its forward kinematics alone, so that one way
-//! serves every arm.
+//! The axes of an arm and capsules around its links: what is drawn, and what is held against the work. Both follow from its
+//! forward kinematics and its [`Body`], so that one way serves every arm.
 //!
 //! Millimetres, the robot's base frame, all joints at zero. The flange stands at `R1 R2 ... R6 T`: each `R` turns about one
 //! axis by the angle of its joint, `T` is the flange at zero (product of exponentials, Brockett 1984).
 
 use std::f64::consts::FRAC_PI_2;
 
-use nalgebra::{Isometry3, Point3, Unit, Vector3};
+use nalgebra::{Isometry3, Point3, Translation3, Unit, UnitQuaternion, Vector3};
 
-use super::arm::Arm;
+use super::arm::{Arm, Joints};
+use super::body::Body;
 
 /// Axes whose directions have a sine below this between them are parallel.
 const PARALLEL: f64 = 1e-6;
 /// Places that are nearer to each other are one, mm.
 const SAME_MM: f64 = 1e-3;
-/// Nominal radius of a link as a share of upper arm and forearm together, about that of common arms ...
-const RADIUS_SHARE: f64 = 0.05;
-/// ... and of the links of the wrist, as a share of that.
-const WRIST_SHARE: f64 = 0.7;
-
 /// What a joint turns about.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct JointAxis {
@@ -54,17 +50,28 @@ impl JointAxis {
     }
 }
 
+/// All places within a radius of a line.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Capsule {
+    /// The joint that carries it, from 1; 0 stands still.
+    pub link: usize,
+    /// Ends of the line.
+    pub ends_mm: [Point3<f64>; 2],
+    /// Of its surface.
+    pub radius_mm: f64,
+}
+
 /// An arm with all joints at zero.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LinkChain {
     /// One per joint.
     pub axes: [JointAxis; 6],
-    /// Lines from axis to axis through what each joint carries; first through what stands still, from the base.
-    pub links_mm: [Vec<Point3<f64>>; 7],
+    /// From the base to the flange.
+    pub capsules: Vec<Capsule>,
     /// Where the flange is.
     pub base_from_flange: Isometry3<f64>,
-    /// Nominal radii of the links: of the arm, and of the wrist, which are the last three.
-    pub radii_mm: [f64; 2],
+    /// Centres of shoulder, elbow and wrist, each carried by the joint before it: 1, 2 and 4.
+    corners_mm: [Point3<f64>; 3],
 }
 
 impl LinkChain {
@@ -76,15 +83,76 @@ impl LinkChain {
             joints_rad[joint] = FRAC_PI_2;
             JointAxis::of(&(arm.forward(&joints_rad) * base_from_flange.inverse()))
         });
-        let links_mm = links_mm(&axes, &base_from_flange);
-        let long_mm: f64 = links_mm[2..4].iter().map(|link| length_mm(link)).sum();
-        let radius_mm = RADIUS_SHARE * long_mm;
-        Self { axes, links_mm, base_from_flange, radii_mm: [radius_mm, WRIST_SHARE * radius_mm] }
+        let lines_mm = lines_mm(&axes, &base_from_flange);
+        let corner = |line: usize| lines_mm[line].last().copied().unwrap_or_else(Point3::origin);
+        let corners_mm = [corner(1), corner(2), corner(4)];
+        let capsules = capsules(&arm.body, &axes, &lines_mm);
+        Self { axes, capsules, base_from_flange, corners_mm }
+    }
+
+    /// What the first 0 to 6 joints do to what they carry.
+    pub(super) fn carried(&self, joints_rad: &Joints) -> [Isometry3<f64>; 7] {
+        let mut carried = [Isometry3::identity(); 7];
+        for (k, (axis, &angle)) in self.axes.iter().zip(joints_rad).enumerate() {
+            let turn = UnitQuaternion::from_axis_angle(&axis.direction, angle);
+            let shift = axis.at_mm.coords - turn * axis.at_mm.coords;
+            carried[k + 1] = carried[k] * Isometry3::from_parts(Translation3::from(shift), turn);
+        }
+        carried
+    }
+
+    /// Whether joint 1 faces the wrist, and whether the elbow is above the line from shoulder to wrist; robot's frame.
+    pub(super) fn stance(&self, carried: &[Isometry3<f64>; 7], ahead: &Vector3<f64>) -> (bool, bool) {
+        let [shoulder, elbow, wrist] = self.corners_mm(carried);
+        let ahead = carried[1].rotation * ahead;
+        let in_plane = |to: Point3<f64>| ((to - shoulder).dot(&ahead), (to - shoulder).z);
+        let ((elbow_x, elbow_z), (wrist_x, wrist_z)) = (in_plane(elbow), in_plane(wrist));
+        let front = wrist.coords.dot(&ahead) >= 0.0;
+        (front, wrist_x * (wrist_x * elbow_z - wrist_z * elbow_x) >= 0.0)
+    }
+
+    /// Where the elbow is, in the robot's frame.
+    #[cfg(test)]
+    pub(super) fn elbow_mm(&self, joints_rad: &Joints) -> Point3<f64> {
+        self.corners_mm(&self.carried(joints_rad))[1]
+    }
+
+    /// Centres of shoulder, elbow and wrist.
+    fn corners_mm(&self, carried: &[Isometry3<f64>; 7]) -> [Point3<f64>; 3] {
+        let [shoulder, elbow, wrist] = self.corners_mm;
+        [carried[1] * shoulder, carried[2] * elbow, carried[4] * wrist]
     }
 }
 
+/// Around the lines through the links, upper arm and forearm where they stand beside them.
+fn capsules(body: &Body, axes: &[JointAxis; 6], lines_mm: &[Vec<Point3<f64>>; 7]) -> Vec<Capsule> {
+    let beside = |link: usize| {
+        let [upper_mm, fore_mm] = body.beside_mm;
+        axes[1].direction.into_inner() * [0.0, 0.0, upper_mm, fore_mm, 0.0, 0.0, 0.0][link]
+    };
+    let mut capsules = Vec::new();
+    for (link, line_mm) in lines_mm.iter().enumerate() {
+        let shift = beside(link);
+        let mut places: Vec<Point3<f64>> = line_mm.iter().map(|place| place + shift).collect();
+        // The joint between what stands side by side is a bar along its axis.
+        if let Some(last) = line_mm.last().filter(|_| link < 6 && beside(link + 1) != shift) {
+            places.push(last + beside(link + 1));
+        }
+        if let [one] = places[..] {
+            places.push(one);
+        }
+        let capsule = |ends: &[Point3<f64>]| Capsule {
+            link,
+            ends_mm: [ends[0], ends[1]],
+            radius_mm: body.radii_mm[link],
+        };
+        capsules.extend(places.windows(2).map(capsule));
+    }
+    capsules
+}
+
 /// Along each axis to the place where it is nearest to the next one, and from there to that one.
-fn links_mm(axes: &[JointAxis; 6], base_from_flange: &Isometry3<f64>) -> [Vec<Point3<f64>>; 7] {
+fn lines_mm(axes: &[JointAxis; 6], base_from_flange: &Isometry3<f64>) -> [Vec<Point3<f64>>; 7] {
     let flange_mm = Point3::from(base_from_flange.translation.vector);
     let mut reached_mm = Point3::origin();
     std::array::from_fn(|link| {
@@ -102,26 +170,12 @@ fn links_mm(axes: &[JointAxis; 6], base_from_flange: &Isometry3<f64>) -> [Vec<Po
     })
 }
 
-fn length_mm(line_mm: &[Point3<f64>]) -> f64 {
-    line_mm.windows(2).map(|pair| (pair[1] - pair[0]).norm()).sum()
-}
-
 #[cfg(test)]
 mod tests {
-    use super::super::arm::{Joints, by_name};
+    use super::super::arm::by_name;
     use super::super::catalogue::NAMES;
     use super::*;
-    use nalgebra::{Translation3, UnitQuaternion};
     use proptest::prelude::*;
-
-    /// What joints up to this one do to what they carry.
-    fn carried(chain: &LinkChain, joints_rad: &[f64]) -> Isometry3<f64> {
-        let turn = |(axis, &angle): (&JointAxis, &f64)| {
-            let about = Translation3::from(axis.at_mm.coords);
-            about * UnitQuaternion::from_axis_angle(&axis.direction, angle) * about.inverse()
-        };
-        chain.axes.iter().zip(joints_rad).map(turn).fold(Isometry3::identity(), |base, turn| base * turn)
-    }
 
     proptest! {
         #[test]
@@ -129,7 +183,7 @@ mod tests {
             for name in NAMES {
                 let arm = by_name(name).unwrap();
                 let chain = LinkChain::of(&arm);
-                let (drawn, truth) = (carried(&chain, &joints) * chain.base_from_flange, arm.forward(&joints));
+                let (drawn, truth) = (chain.carried(&joints)[6] * chain.base_from_flange, arm.forward(&joints));
                 let off_mm = (drawn.translation.vector - truth.translation.vector).norm();
                 prop_assert!(off_mm < 1e-6 && drawn.rotation.angle_to(&truth.rotation) < 1e-9, "{name}: {off_mm} mm");
             }
@@ -139,11 +193,12 @@ mod tests {
         fn each_link_ends_where_the_next_begins_however_the_joints_stand(joints in prop::array::uniform6(-3.1..3.1f64)) {
             for name in NAMES {
                 let chain = LinkChain::of(&by_name(name).unwrap());
-                let end = |link: usize, place: Point3<f64>| carried(&chain, &joints[..link]) * place;
+                let carried = chain.carried(&joints);
+                let of = |link: usize| chain.capsules.iter().filter(move |capsule| capsule.link == link);
                 for link in 0..6 {
-                    let (this, next) = (&chain.links_mm[link], &chain.links_mm[link + 1]);
-                    let apart = end(link, *this.last().unwrap()) - end(link + 1, next[0]);
-                    prop_assert!(apart.norm() < 2.0 * SAME_MM, "{name}, link {link}: {apart}");
+                    let end = carried[link] * of(link).last().unwrap().ends_mm[1];
+                    let begin = carried[link + 1] * of(link + 1).next().unwrap().ends_mm[0];
+                    prop_assert!((end - begin).norm() < 2.0 * SAME_MM, "{name}, link {link}");
                 }
             }
         }
@@ -152,16 +207,18 @@ mod tests {
     #[test]
     fn the_links_are_as_long_as_the_parameters_say() {
         let lengths = |name: &str| -> Vec<f64> {
-            LinkChain::of(&by_name(name).unwrap()).links_mm.iter().map(|link| length_mm(link)).collect()
+            let chain = LinkChain::of(&by_name(name).unwrap());
+            let length = |capsule: &Capsule| (capsule.ends_mm[1] - capsule.ends_mm[0]).norm();
+            (0..7).map(|link| chain.capsules.iter().filter(|c| c.link == link).map(length).sum()).collect()
         };
-        // d1, then a2, a3, d4, d5, d6; and c1, a1 with c2, ..., c4.
+        // d1 and the bar to the upper arm, a2 and the bar to the forearm, a3 and the rest of d4, d5, d6; and c1, a1 with
+        // c2, ..., c4.
         for (name, truth) in [
-            ("ur10e", [0.0, 180.7, 612.7, 571.55, 174.15, 119.85, 116.55]),
+            ("ur10e", [0.0, 180.7 + 176.2, 612.7 + 136.9, 571.55 + 39.3, 174.15, 119.85, 116.55]),
             ("abb-irb1600-10-145", [0.0, 486.5 + 150.0, 700.0, 0.0, 600.0, 0.0, 65.0]),
         ] {
             let found = lengths(name);
             assert!(found.iter().zip(truth).all(|(a, b)| (a - b).abs() < 1e-2), "{name}: {found:?}");
         }
-        let _: Joints = [0.0; 6];
     }
 }

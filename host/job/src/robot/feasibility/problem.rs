@@ -1,6 +1,7 @@
 //! What stands against running a program, seam by seam, in words.
 
-use super::{Check, FeasibilitySetup, branch};
+use super::links::{Obstacle, Touch, deeper};
+use super::{Check, FeasibilitySetup, Oddity, branch};
 use weldpath_method::weld::program::Waypoint;
 
 /// What is wrong.
@@ -16,6 +17,14 @@ pub enum ProblemKind {
     Speed,
     /// The torch is inside what was scanned.
     Collision,
+    /// A link is inside something, or the torch inside a link or the floor.
+    LinkCollision,
+    /// Something is touched on the way by joints from home to the first waypoint.
+    FromHome,
+    /// Something is touched on the way by joints from the last waypoint to home.
+    ToHome,
+    /// The arm stands as nobody would have it stand, and no other way of standing is free.
+    OddPosture,
     /// The arm is near a singularity.
     Singular,
     /// The torch comes nearer to what was scanned than it should.
@@ -25,7 +34,7 @@ pub enum ProblemKind {
 impl ProblemKind {
     /// Whether the program cannot be run as it is.
     pub(crate) fn is_fatal(self) -> bool {
-        !matches!(self, Self::Singular | Self::Close)
+        !matches!(self, Self::Singular | Self::Close | Self::OddPosture)
     }
 
     /// Name in `summary.json`.
@@ -36,6 +45,10 @@ impl ProblemKind {
             Self::Jump => "jump",
             Self::Speed => "joint-speed",
             Self::Collision => "collision",
+            Self::LinkCollision => "link-collision",
+            Self::FromHome => "from-home",
+            Self::ToHome => "to-home",
+            Self::OddPosture => "odd-posture",
             Self::Singular => "singularity",
             Self::Close => "clearance",
         }
@@ -55,6 +68,10 @@ pub struct Problem {
     pub last: usize,
     /// How bad at the worst: mm from the origin of the robot's base, degrees, share of the speed, dexterity, or mm of clearance.
     pub worst: f64,
+    /// What touches what, where it is worst.
+    pub touch: Option<Touch>,
+    /// What is odd about how the arm stands.
+    pub odd: Option<Oddity>,
 }
 
 /// Below this [`super::arm::Arm::dexterity`] an arm counts as near a singularity: a wrist bent by less than about 5 degrees.
@@ -67,20 +84,31 @@ pub(super) fn found(waypoints: &[Waypoint], checks: &[Check], setup: &Feasibilit
     let owners = owners(waypoints);
     let mut problems: Vec<Problem> = Vec::new();
     for (i, check) in checks.iter().enumerate() {
+        let touch = check.joints.and_then(|joints| joints.touch);
+        let odd = check.joints.and_then(|joints| joints.odd);
         for (kind, worst) in faults(&waypoints[i], check, setup) {
+            let touch = touch.filter(|_| kind == ProblemKind::LinkCollision);
+            let odd = odd.filter(|_| kind == ProblemKind::OddPosture);
             let same = |p: &&mut Problem| p.kind == kind && p.seam == owners[i] && i <= p.last + 1 + MERGED;
             match problems.iter_mut().rev().find(same) {
                 Some(known) => {
                     known.last = i;
                     known.worst =
                         if kind.more_is_worse() { known.worst.max(worst) } else { known.worst.min(worst) };
+                    known.touch = deeper(known.touch, touch);
                 }
-                None => problems.push(Problem { kind, seam: owners[i], first: i, last: i, worst }),
+                None => {
+                    problems.push(Problem { kind, seam: owners[i], first: i, last: i, worst, touch, odd })
+                }
             }
         }
     }
     let collisions: Vec<Problem> =
         problems.iter().filter(|p| p.kind == ProblemKind::Collision).cloned().collect();
+    // Of a program that the arm cannot run nobody asks how it stands.
+    if problems.iter().any(|p| p.kind.is_fatal() && p.kind != ProblemKind::Collision) {
+        problems.retain(|p| p.kind != ProblemKind::OddPosture);
+    }
     problems
         .retain(|p| p.kind != ProblemKind::Close || !collisions.iter().any(|collision| p.adjoins(collision)));
     problems
@@ -120,6 +148,10 @@ fn faults(waypoint: &Waypoint, check: &Check, setup: &FeasibilitySetup) -> Vec<(
                 (ProblemKind::Speed, !jumps && joints.speed_share > 1.0, joints.speed_share),
                 (ProblemKind::Singular, joints.dexterity < SINGULAR, joints.dexterity),
             ];
+            let touch = joints.touch.map(|touch| (ProblemKind::LinkCollision, -touch.depth_mm));
+            // A straight wrist is told as a singularity where it is one.
+            let odd = joints.odd.map(|_| (ProblemKind::OddPosture, 0.0));
+            faults.extend(touch.into_iter().chain(odd));
             faults.extend(rules.into_iter().filter(|rule| rule.1).map(|(kind, _, worst)| (kind, worst)));
         }
         (None, _) => {}
@@ -137,6 +169,29 @@ fn faults(waypoint: &Waypoint, check: &Check, setup: &FeasibilitySetup) -> Vec<(
 impl ProblemKind {
     fn more_is_worse(self) -> bool {
         matches!(self, Self::OutOfReach | Self::Jump | Self::Speed)
+    }
+}
+
+impl Touch {
+    fn words(self, arm: &str) -> String {
+        let Self { link, obstacle, depth_mm } = self;
+        let what = match obstacle {
+            Obstacle::Floor => "below the floor".to_owned(),
+            Obstacle::Work => "inside what was scanned".to_owned(),
+            Obstacle::Torch => "inside the torch".to_owned(),
+            Obstacle::Link(other) => format!("inside its {}", other.name),
+        };
+        format!("the {} of {arm} is up to {depth_mm:.0} mm {what}", link.name)
+    }
+}
+
+impl Oddity {
+    fn words(self) -> &'static str {
+        match self {
+            Self::ElbowBelow => "hangs its elbow below the line from shoulder to wrist",
+            Self::ReachesBack => "reaches backwards over itself",
+            Self::WristStraight => "has its wrist nearly straight",
+        }
     }
 }
 
@@ -176,6 +231,25 @@ impl Problem {
                 "the torch is up to {:.1} mm inside what was scanned: change the work angle, use a smaller nozzle or a \
                  longer stick-out, or check [torch_body] in the job file",
                 -worst
+            ),
+            ProblemKind::LinkCollision => format!(
+                "{}: move the part or the robot, turn the torch about its axis, or check [robot] floor_z_mm and base_mm in \
+                 the job file",
+                self.touch.map(|touch| touch.words(arm)).unwrap_or_default()
+            ),
+            ProblemKind::FromHome | ProblemKind::ToHome => format!(
+                "on the way by joints {} {}: choose another [robot] home_deg",
+                if self.kind == ProblemKind::FromHome {
+                    "from home to the first waypoint"
+                } else {
+                    "back home"
+                },
+                self.touch.map(|touch| touch.words(arm)).unwrap_or_default()
+            ),
+            ProblemKind::OddPosture => format!(
+                "{arm} {}, and no other way of standing is free along the whole program: look at it in the controller's \
+                 simulation, or move the part or the robot",
+                self.odd.map(Oddity::words).unwrap_or_default()
             ),
             ProblemKind::Singular => format!(
                 "{arm} is near a singularity (dexterity {worst:.3}): the joints turn fast and the tip may deviate; turn the \

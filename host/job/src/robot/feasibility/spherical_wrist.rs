@@ -73,6 +73,18 @@ impl SphericalWrist {
         Isometry3::from_parts(Translation3::from(Vector3::new(at.x, at.y, at.z) * 1000.0), rotation)
     }
 
+    /// Where the arm reaches ahead with joint 1 at zero.
+    pub(super) fn ahead(&self) -> Vector3<f64> {
+        let (sin, cos) = (-self.opw.offsets_deg[0].to_radians()).sin_cos();
+        Vector3::new(cos, sin, 0.0)
+    }
+
+    /// Sine of the bend of the wrist.
+    pub(super) fn wrist_bend(&self, joints_rad: &Joints) -> f64 {
+        let Opw { offsets_deg, signs, .. } = &*self.opw;
+        (joints_rad[4] * f64::from(signs[4]) - offsets_deg[4].to_radians()).sin().abs()
+    }
+
     /// Up to eight sets of joint angles that bring the flange there; empty if it is out of reach.
     pub fn inverse(&self, base_from_flange: &Isometry3<f64>) -> Vec<Joints> {
         let at = base_from_flange.translation.vector / 1000.0;

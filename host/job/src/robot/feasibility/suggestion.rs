@@ -114,7 +114,7 @@ pub(super) fn tried(checker: &Checker<'_>, program: &Rewelded, problems: &[Probl
             let waypoints = program(&[current.as_slice(), &[(seam, change)]].concat());
             let own = problem::block(&waypoints, seam);
             let of = |waypoints: &[Waypoint], depth| {
-                fatal(checker.problems(waypoints, &checker.checks(waypoints, depth)))
+                fatal(checker.problems(waypoints, &checker.checked(waypoints, depth)))
             };
             if !of(&waypoints[own], Depth::Fatal).is_empty() {
                 return None;

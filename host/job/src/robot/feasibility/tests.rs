@@ -1,6 +1,8 @@
 //! Whole programs: what a person who knows the arm would say of them.
 
 use super::*;
+use crate::robot::posture::Maker;
+use links::Obstacle;
 use nalgebra::{Point3, Translation3, Vector3};
 use problem::ProblemKind;
 use suggestion::Change;
@@ -25,6 +27,9 @@ fn setup(name: &str) -> FeasibilitySetup {
         arm: arm::by_name(name).unwrap(),
         base_from_robot: Isometry3::identity(),
         flange_from_tcp: Isometry3::translation(0.0, 0.0, 300.0),
+        floor: Floor::Mounting,
+        home_rad: None,
+        end: ProgramEnd::Stay,
     };
     FeasibilitySetup { robot: Some(robot), torch: Torch::default(), clearance_mm: 1.0 }
 }
@@ -58,6 +63,16 @@ fn welded(paths: &[SeamPath], model: &PointCloud) -> Vec<Waypoint> {
 }
 
 fn assessed(paths: &[SeamPath], model: &PointCloud, setup: &FeasibilitySetup) -> Report {
+    assessed_among(paths, model, model, setup)
+}
+
+/// The air moves pass over `terrain` and know nothing of what else is in `model`.
+fn assessed_among(
+    paths: &[SeamPath],
+    terrain: &PointCloud,
+    model: &PointCloud,
+    setup: &FeasibilitySetup,
+) -> Report {
     let changed = |changes: &[(usize, Change)]| -> Vec<SeamPath> {
         paths
             .iter()
@@ -69,7 +84,7 @@ fn assessed(paths: &[SeamPath], model: &PointCloud, setup: &FeasibilitySetup) ->
             })
             .collect()
     };
-    assess(&|changes| welded(&changed(changes), model), model, setup)
+    assess(&|changes| welded(&changed(changes), terrain), model, setup)
 }
 
 /// A path with a change, welded by nothing else.
@@ -215,4 +230,189 @@ fn the_feed_decides_whether_a_joint_is_too_fast() {
 fn an_empty_program_has_nothing_to_check() {
     let report = assessed(&[], &PointCloud::default(), &setup("ur5e"));
     assert!(report.is_feasible() && report.checks.is_empty() && report.warnings().is_empty());
+}
+
+fn joints_of(report: &Report) -> Vec<Joints> {
+    report.checks.iter().map(|check| check.joints.unwrap().joints_rad).collect()
+}
+
+fn wall(x_mm: std::ops::Range<i32>, y_mm: std::ops::Range<i32>, z_mm: std::ops::Range<i32>) -> PointCloud {
+    let raster =
+        |range: &std::ops::Range<i32>| range.clone().step_by(6).map(|v| v as f32).collect::<Vec<_>>();
+    let [xs, ys, zs] = [&x_mm, &y_mm, &z_mm].map(raster);
+    let points_mm: Vec<Point3<f32>> = xs
+        .iter()
+        .flat_map(|x| ys.iter().flat_map(|y| zs.iter().map(|z| Point3::new(*x, *y, *z))).collect::<Vec<_>>())
+        .collect();
+    PointCloud { origin_mm: Point3::origin(), normals: vec![Vector3::z(); points_mm.len()], points_mm }
+}
+
+/// Elbow above, facing the work, wrist bent, nothing below the floor: for arms of all makers, wherever the work is around them.
+#[test]
+fn arms_of_all_makers_stand_over_the_work_as_a_person_would_have_them_stand() {
+    for (name, reach_mm) in [
+        ("ur5e", 500.0),
+        ("ur10e", 700.0),
+        ("kuka-kr10-r1420", 850.0),
+        ("abb-irb1600-10-145", 850.0),
+        ("fanuc-m10ia", 850.0),
+    ] {
+        for azimuth_deg in [0.0f64, 100.0, -80.0, 170.0] {
+            let mut setup = setup(name);
+            let robot = setup.robot.as_mut().unwrap();
+            let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), azimuth_deg.to_radians());
+            let mounting_mm = robot.arm.body.mounting_mm;
+            robot.base_from_robot = Isometry3::from_parts(
+                (turn * Vector3::new(-reach_mm, 0.0, 0.0) - Vector3::z() * mounting_mm).into(),
+                turn,
+            );
+            let report = assessed(&[seam(1, [0.0, 0.0, 100.0], 40.0)], &PointCloud::default(), &setup);
+            assert!(report.problems.is_empty(), "{name} at {azimuth_deg}: {:?}", report.problems);
+            let robot = setup.robot.as_ref().unwrap();
+            for joints in joints_of(&report) {
+                // The elbow is where the forward kinematics have it with the joints behind it folded away.
+                let elbow_mm = robot.base_from_robot * chain::LinkChain::of(&robot.arm).elbow_mm(&joints);
+                assert!(elbow_mm.z > 250.0, "{name} at {azimuth_deg}: elbow at {} mm", elbow_mm.z);
+            }
+        }
+    }
+}
+
+#[test]
+fn a_floor_that_the_arm_would_have_to_go_through_is_named_with_the_link() {
+    let mut setup = setup("ur5e");
+    setup.robot.as_mut().unwrap().floor = Floor::At(700.0);
+    let path = seam(4, [450.0, 0.0, 100.0], 0.0);
+    let report = assessed(std::slice::from_ref(&path), &PointCloud::default(), &setup);
+    assert!(!report.is_feasible());
+    let problem = report.problems.iter().find(|p| p.kind == ProblemKind::LinkCollision).unwrap();
+    assert_eq!((problem.seam, problem.touch.unwrap().obstacle), (Some(4), Obstacle::Floor));
+    let words = report.warnings().join("\n");
+    assert!(words.contains("of ur5e is up to") && words.contains("below the floor"), "{words}");
+    setup.robot.as_mut().unwrap().floor = Floor::None;
+    assert!(assessed(&[path], &PointCloud::default(), &setup).is_feasible());
+}
+
+/// Where the upper arm stands, a wall is scanned: with it the arm stands otherwise, and with walls all around it cannot.
+#[test]
+fn what_was_scanned_where_a_link_would_stand_makes_it_stand_elsewhere_or_not_at_all() {
+    let path = [seam(1, [450.0, 0.0, 100.0], 0.0)];
+    let setup = setup("ur5e");
+    let robot = setup.robot.as_ref().unwrap();
+    let free = assessed(&path, &PointCloud::default(), &setup);
+    let chain = chain::LinkChain::of(&robot.arm);
+    let elbows_mm: Vec<Point3<f64>> = joints_of(&free).iter().map(|joints| chain.elbow_mm(joints)).collect();
+    let middle = elbows_mm[elbows_mm.len() / 2].map(|v| v.round() as i32);
+    let around = |half: i32| {
+        wall(
+            middle.x - half..middle.x + half,
+            middle.y - half..middle.y + half,
+            middle.z - half..middle.z + half,
+        )
+    };
+    let among = |model: &PointCloud| assessed_among(&path, &PointCloud::default(), model, &setup);
+    let report = among(&around(40));
+    for (joints, before_mm) in joints_of(&report).iter().zip(&elbows_mm) {
+        let moved_mm = (chain.elbow_mm(joints) - before_mm).norm();
+        assert!(!report.is_feasible() || moved_mm > 60.0, "the elbow stays in the wall: {moved_mm}");
+    }
+    let report = among(&wall(-700..900, -700..700, 500..501));
+    let low = among(&wall(-700..900, -700..700, 330..331));
+    assert!(report.is_feasible() || !low.is_feasible(), "a lower ceiling leaves less room");
+    assert!(
+        low.problems.iter().any(|p| p.touch.is_some_and(|touch| touch.obstacle == Obstacle::Work)),
+        "{low:?}"
+    );
+}
+
+#[test]
+fn an_arm_that_can_only_reach_backwards_is_odd_and_no_fault() {
+    let mut setup = setup("kuka-kr10-r1420");
+    let path = [seam(1, [800.0, 0.0, 400.0], 0.0)];
+    let free = assessed(&path, &PointCloud::default(), &setup);
+    assert!(free.problems.is_empty(), "{:?}", free.problems);
+    // Joint 1 may only face away.
+    let arm = &mut setup.robot.as_mut().unwrap().arm;
+    arm.limits.range_rad = [[-400.0f64, 400.0]; 6].map(|range| range.map(f64::to_radians));
+    arm.limits.range_rad[0] = [120.0, 240.0].map(f64::to_radians);
+    let report = assessed(&path, &PointCloud::default(), &setup);
+    let kinds: Vec<ProblemKind> = report.problems.iter().map(|p| p.kind).collect();
+    assert!(report.is_feasible() && kinds.contains(&ProblemKind::OddPosture), "{:?}", report.problems);
+    assert!(report.warnings().iter().any(|w| w.contains("reaches backwards")), "{:?}", report.warnings());
+}
+
+#[test]
+fn the_way_from_home_is_checked_with_links_torch_and_floor() {
+    let path = [seam(1, [450.0, 0.0, 100.0], 0.0)];
+    let mut setup = setup("ur5e");
+    let first = joints_of(&assessed(&path, &PointCloud::default(), &setup))[0];
+    let robot = setup.robot.as_mut().unwrap();
+    // Joint 1 turned by a right angle; the torch passes over the table's place, and a post stands there.
+    let mut home = first;
+    home[0] += 1.5;
+    (robot.home_rad, robot.end) = (Some(home), ProgramEnd::Home);
+    assert!(assessed(&path, &PointCloud::default(), &setup).is_feasible());
+    let half: Joints = std::array::from_fn(|j| 0.5 * (first[j] + home[j]));
+    let robot = setup.robot.as_ref().unwrap();
+    let tip = (robot.arm.forward(&half) * robot.flange_from_tcp * Point3::origin()).map(|v| v.round() as i32);
+    let post = wall(tip.x - 20..tip.x + 20, tip.y - 20..tip.y + 20, tip.z - 60..tip.z + 60);
+    let report = assessed_among(&path, &PointCloud::default(), &post, &setup);
+    let kinds: Vec<ProblemKind> = report.problems.iter().map(|p| p.kind).collect();
+    assert!(kinds.contains(&ProblemKind::FromHome) && kinds.contains(&ProblemKind::ToHome), "{kinds:?}");
+    assert!(!kinds.contains(&ProblemKind::Collision), "the seam itself is free: {kinds:?}");
+}
+
+#[test]
+fn a_program_for_fanuc_gets_joint_3_from_the_horizontal_and_those_of_others_as_they_are() {
+    for (name, maker) in [("fanuc-m10ia", Maker::Fanuc), ("ur10e", Maker::UniversalRobots)] {
+        let report = assessed(&[seam(1, [800.0, 0.0, 200.0], 0.0)], &PointCloud::default(), &setup(name));
+        let posture = report.posture.as_ref().unwrap();
+        assert_eq!(posture.counted_by, Some(maker));
+        for (stance, joints_rad) in posture.stances.iter().zip(joints_of(&report)) {
+            let mut wanted = joints_rad.map(f64::to_degrees);
+            if maker == Maker::Fanuc {
+                wanted[2] -= wanted[1];
+            }
+            assert!(stance.joints_deg.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 1e-9));
+            let back = arm::by_name(name).unwrap().counting.unwrap().from_shown_rad(&stance.joints_deg);
+            assert!(back.iter().zip(joints_rad).all(|(a, b)| (a - b).abs() < 1e-12));
+            assert!(stance.front && stance.elbow_up);
+        }
+    }
+}
+
+#[test]
+fn strays_all_over_the_place_are_no_wall_and_a_thin_surface_is() {
+    let path = [seam(1, [450.0, 0.0, 100.0], 0.0)];
+    let setup = setup("ur5e");
+    let mut model = table();
+    let mut state = 1u64;
+    let mut random = || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 40) as f32 / (1u64 << 24) as f32
+    };
+    // Two in a hundred, in the box around part and torch.
+    for _ in 0..model.points_mm.len() / 50 {
+        model.points_mm.push(Point3::new(
+            300.0 + 400.0 * random(),
+            -200.0 + 400.0 * random(),
+            60.0 + 300.0 * random(),
+        ));
+        model.normals.push(Vector3::z());
+    }
+    let report = assessed(&path, &model, &setup);
+    assert!(report.problems.is_empty(), "{:?}", report.problems);
+    // A sheet across the seam, seen three times as thinly as the table.
+    for y in 0..30 {
+        for z in 0..30 {
+            model.points_mm.push(Point3::new(
+                450.0 + y as f32 * 0.1,
+                -90.0 + 6.0 * y as f32,
+                110.0 + 6.0 * z as f32,
+            ));
+            model.normals.push(Vector3::x());
+        }
+    }
+    let report = assessed(&path, &model, &setup);
+    assert!(report.problems.iter().any(|p| p.kind == ProblemKind::Collision), "{:?}", report.problems);
 }

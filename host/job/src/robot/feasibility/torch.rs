@@ -3,8 +3,14 @@
 //! The wire is no part of it: everything nearer to the seam than the nozzle is the weld zone, and touching there is the
 //! purpose. Nothing else is left out, so the faces of a narrow groove or an acute corner count as they should.
 
-use nalgebra::{Point3, UnitQuaternion, Vector3};
+use std::collections::HashSet;
 
+use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
+
+use super::chain::Capsule;
+use super::links::TORCH;
+use super::torch_from_tool;
+use rayon::prelude::*;
 use weldpath_method::geometry::cloud::PointCloud;
 use weldpath_method::geometry::grid::Grid;
 use weldpath_method::weld::air::terrain::Ball;
@@ -66,6 +72,22 @@ impl Torch {
         sections.iter().filter(|section| section.length_mm > 0.0).flat_map(Section::balls).collect()
     }
 
+    /// Neck, body, and what holds it at the flange, in the flange's frame. The nozzle is where the work is.
+    pub(super) fn at_the_flange(&self, flange_from_tcp: &Isometry3<f64>) -> Vec<Capsule> {
+        let [_, neck, body] = self.sections(&Point3::origin(), &torch_from_tool());
+        let end_mm = |section: &Section| section.start_mm + section.along * section.length_mm;
+        let capsule = |ends_mm: [Point3<f64>; 2], radius_mm: f64| {
+            let ends_mm = ends_mm.map(|end| flange_from_tcp * end);
+            Capsule { link: TORCH, ends_mm, radius_mm }
+        };
+        let flange_mm = flange_from_tcp.inverse() * Point3::origin();
+        vec![
+            capsule([neck.start_mm, end_mm(&neck)], 0.5 * (neck.radii_mm[0] + neck.radii_mm[1])),
+            capsule([body.start_mm, end_mm(&body)], self.body_radius_mm),
+            capsule([end_mm(&body), flange_mm], self.body_radius_mm),
+        ]
+    }
+
     fn sections(&self, tip_mm: &Point3<f64>, base_from_torch: &UnitQuaternion<f64>) -> [Section; 3] {
         let n = base_from_torch * Vector3::z();
         let (sin, cos) = self.neck_deg.to_radians().sin_cos();
@@ -113,15 +135,64 @@ impl Section {
     }
 }
 
-/// The scanned points, ready to be asked.
+/// The scanned points that are a surface, ready to be asked.
 pub(super) struct Obstacles {
     origin_mm: Point3<f64>,
     grid: Grid,
+    /// One point in each cell of [`LINK_STEP_MM`], for what is thicker than a torch.
+    thinned: Grid,
+    /// Box around the thinned points.
+    corners_mm: [Point3<f32>; 2],
 }
+
+/// Links are held against points so far apart, mm: a tenth of their least diameter.
+const LINK_STEP_MM: f32 = 6.0;
+const LINK_CELL_MM: f32 = 40.0;
 
 impl Obstacles {
     pub(super) fn new(model: &PointCloud) -> Self {
-        Self { origin_mm: model.origin_mm, grid: Grid::new(&model.points_mm, CELL_MM) }
+        let points_mm = surface(&model.points_mm);
+        let grid = Grid::new(&points_mm, CELL_MM);
+        let mut taken = HashSet::new();
+        let cell = |p: &Point3<f32>| [p.x, p.y, p.z].map(|v| (v / LINK_STEP_MM).floor() as i32);
+        let thinned: Vec<Point3<f32>> =
+            points_mm.into_iter().filter(|point| taken.insert(cell(point))).collect();
+        let [low, high] = [f32::INFINITY, f32::NEG_INFINITY].map(|v| Point3::from(Vector3::repeat(v)));
+        let corners_mm = thinned.iter().fold([low, high], |[low, high], p| [low.inf(p), high.sup(p)]);
+        Self { origin_mm: model.origin_mm, grid, thinned: Grid::new(&thinned, LINK_CELL_MM), corners_mm }
+    }
+
+    /// Height of the lowest scanned surface, mm; none of an empty scan.
+    pub(super) fn lowest_mm(&self) -> Option<f64> {
+        let lowest_mm = f64::from(self.corners_mm[0].z) + self.origin_mm.z;
+        lowest_mm.is_finite().then_some(lowest_mm)
+    }
+
+    /// How far scanned points lie inside a capsule, mm; none if they do not.
+    pub(super) fn inside_mm(&self, ends_mm: &[Point3<f64>; 2], radius_mm: f64) -> Option<f64> {
+        let [from, to] = ends_mm.map(|end| (end - self.origin_mm.coords).cast::<f32>());
+        let (along, radius) = (to - from, radius_mm as f32);
+        let [low, high] = self.corners_mm;
+        let reach = Vector3::repeat(radius);
+        let (near, far) = (from.inf(&to) - reach, from.sup(&to) + reach);
+        let apart = (0..3).any(|i| near[i] > high[i] || far[i] < low[i]);
+        if apart || self.thinned.is_empty() {
+            return None;
+        }
+        let pieces = (along.norm() / (2.0 * radius)).ceil().max(1.0);
+        let half = along / (2.0 * pieces);
+        let squared = along.norm_squared().max(f32::MIN_POSITIVE);
+        let mut nearest = [(usize::MAX, radius_mm); WALL_POINTS];
+        for k in 0..pieces as usize {
+            let middle = from + half * (2 * k + 1) as f32;
+            self.thinned.within(&middle, half.norm().hypot(radius), |slot, _| {
+                let offset = self.thinned.point(slot) - from;
+                let share = (offset.dot(&along) / squared).clamp(0.0, 1.0);
+                keep(&mut nearest, slot, f64::from((offset - along * share).norm()));
+            });
+        }
+        let [.., (slot, last)] = nearest;
+        (slot != usize::MAX).then_some(radius_mm - last)
     }
 
     /// Distance between the torch and the scanned points, mm; negative inside. None if nothing is within [`SIGHT_MM`].
@@ -147,6 +218,48 @@ impl Obstacles {
         let [.., (slot, last)] = nearest;
         (slot != usize::MAX).then_some(last)
     }
+}
+
+/// A point of a surface has so many others ...
+const NEIGHBOURS: usize = 6;
+/// ... within so many times the distance in which half of all points have them: where a camera saw a surface at a grazing
+/// angle or from afar it is three times as thin, and of strays all over a box one in thousands has a single other.
+const SPREAD: f32 = 4.0;
+/// So many points show how dense a scan is, and fewer are no scan.
+const SAMPLED: usize = 500;
+
+/// The points that do not stand alone.
+fn surface(points_mm: &[Point3<f32>]) -> Vec<Point3<f32>> {
+    if points_mm.len() < SAMPLED {
+        return points_mm.to_vec();
+    }
+    let grid = Grid::new(points_mm, CELL_MM);
+    let sampled = (0..SAMPLED).map(|k| points_mm[k * points_mm.len() / SAMPLED]);
+    let mut spacing_mm: Vec<f32> = sampled.map(|point| reach_of_neighbours_mm(&grid, &point)).collect();
+    spacing_mm.sort_by(f32::total_cmp);
+    let reach_mm = SPREAD * spacing_mm[SAMPLED / 2];
+    let dense = |point: &&Point3<f32>| {
+        let mut others = 0;
+        grid.within(point, reach_mm, |_, _| others += 1);
+        others > NEIGHBOURS
+    };
+    points_mm.par_iter().filter(dense).copied().collect()
+}
+
+/// How far the neighbours of a point reach.
+fn reach_of_neighbours_mm(grid: &Grid, point: &Point3<f32>) -> f32 {
+    let mut reach_mm = 0.25 * CELL_MM;
+    // Beyond a metre it is no surface of a workpiece.
+    while reach_mm < 1e3 {
+        let mut squared: Vec<f32> = Vec::new();
+        grid.within(point, reach_mm, |_, squared_mm2| squared.push(squared_mm2));
+        if squared.len() > NEIGHBOURS {
+            squared.sort_by(f32::total_cmp);
+            return squared[NEIGHBOURS].sqrt();
+        }
+        reach_mm *= 2.0;
+    }
+    reach_mm
 }
 
 /// Keeps the nearest points in order, each once.

@@ -5,11 +5,14 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::quantity::{Place, RotationVector};
+use crate::robot::feasibility::Floor;
 use crate::robot::feasibility::arm;
-use crate::robot::feasibility::arm::{Arm, Kinematics, Limits};
+use crate::robot::feasibility::arm::{Arm, Counting, Kinematics, Limits};
+use crate::robot::feasibility::body::Body;
 use crate::robot::feasibility::catalogue;
 use crate::robot::feasibility::spherical_wrist::{Opw, SphericalWrist};
 use crate::robot::feasibility::torch::Torch;
+use crate::robot::posture::ProgramEnd;
 
 /// `[robot]`: the arm, and where it stands.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -21,9 +24,58 @@ pub struct RobotSettings {
     pub base_mm: Place,
     /// Rotation vector of the same transform.
     pub base_rotation_rad: RotationVector,
+    /// Height of the floor in the scan's base frame, mm, or "none"; by default what the arm is mounted on, or the lowest
+    /// scanned place if that is lower.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub floor_z_mm: Option<FloorHeight>,
+    /// Where the program begins, as the controller shows the joints; its way to the first waypoint is checked.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub home_deg: Option<[f64; 6]>,
+    /// What follows the last waypoint: the arm stays, or goes home.
+    pub end: EndSetting,
+    /// `"controller"`: the joints of `opw` count as its controller's, so that programs may name them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub joints: Option<JointCounting>,
     /// A spherical-wrist arm that the catalogue does not have.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub opw: Option<OpwSettings>,
+}
+
+/// `floor_z_mm`.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(untagged)]
+pub enum FloorHeight {
+    /// mm.
+    At(f64),
+    /// `"none"`.
+    None(NoFloor),
+}
+
+/// `"none"`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum NoFloor {
+    /// No floor.
+    None,
+}
+
+/// What follows the last waypoint.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum EndSetting {
+    /// The arm stays there.
+    #[default]
+    Stay,
+    /// It goes home by joints.
+    Home,
+}
+
+/// Whose counting of joints.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum JointCounting {
+    /// The controller's.
+    Controller,
 }
 
 /// `[robot.opw]`: the parameters of Brandstötter, Angerer and Hofbaur (2014).
@@ -56,6 +108,9 @@ pub struct OpwSettings {
     /// Greatest speed of each joint.
     pub speeds_deg_s: [f64; 6],
 }
+
+/// Beyond this tilt of its base, degrees, the surface that an arm is mounted on is a wall or a ceiling.
+const MOST_TILT_DEG: f64 = 45.0;
 
 fn all_positive() -> [i8; 6] {
     [1; 6]
@@ -113,17 +168,85 @@ impl RobotSettings {
     }
 
     pub(super) fn fault(&self) -> Option<Fault> {
-        match &self.opw {
+        let named = match &self.opw {
             Some(opw) => opw.fault(),
             None if arm::by_name(&self.model).is_some() => None,
             None => Some(("model", unknown(&self.model))),
+        };
+        named.or_else(|| self.floor_fault()).or_else(|| self.home_fault())
+    }
+
+    fn floor_fault(&self) -> Option<Fault> {
+        let why = match self.floor_z_mm {
+            Some(FloorHeight::At(z_mm)) if !(-100_000.0..=100_000.0).contains(&z_mm) => {
+                format!("{z_mm} mm is no height of a floor")
+            }
+            Some(_) => return None,
+            None if self.opw.is_some() => {
+                "an arm of your own needs it: the height of the floor in the scan's base frame, \
+                                           mm, or \"none\""
+                    .into()
+            }
+            None if self.tilt_deg() > MOST_TILT_DEG => format!(
+                "the robot's base is tilted by {:.0} degrees, so its mounting surface is no floor: give the height of the \
+                 floor in the scan's base frame, mm, or \"none\"",
+                self.tilt_deg()
+            ),
+            None => return None,
+        };
+        Some(("floor_z_mm", why))
+    }
+
+    fn home_fault(&self) -> Option<Fault> {
+        let Some(home_deg) = self.home_deg else {
+            let asks = self.end == EndSetting::Home;
+            return asks.then(|| ("end", "to end at home the job has to say where that is: home_deg".into()));
+        };
+        let arm = self.arm()?;
+        let Some(counting) = arm.counting else {
+            return Some((
+                "home_deg",
+                "joints = \"controller\" has to say that the joints of opw count so".into(),
+            ));
+        };
+        let home_rad = counting.from_shown_rad(&home_deg);
+        let beyond = |j: &usize| !(arm.limits.margin_rad(*j, home_rad[*j]) >= 0.0);
+        let joint = (0..6).find(beyond)?;
+        Some((
+            "home_deg",
+            format!("joint {} of {} cannot stand at {} degrees", joint + 1, arm.name, home_deg[joint]),
+        ))
+    }
+
+    fn tilt_deg(&self) -> f64 {
+        (self.base_from_robot().rotation * Vector3::z()).angle(&Vector3::z()).to_degrees()
+    }
+
+    /// Below which no link may go.
+    pub(super) fn floor(&self) -> Floor {
+        match self.floor_z_mm {
+            None => Floor::Mounting,
+            Some(FloorHeight::At(z_mm)) => Floor::At(z_mm),
+            Some(FloorHeight::None(NoFloor::None)) => Floor::None,
+        }
+    }
+
+    /// What follows the last waypoint.
+    pub(super) fn program_end(&self) -> ProgramEnd {
+        match self.end {
+            EndSetting::Stay => ProgramEnd::Stay,
+            EndSetting::Home => ProgramEnd::Home,
         }
     }
 
     /// The arm; none if the name is not known.
     pub fn arm(&self) -> Option<Arm> {
         match &self.opw {
-            Some(opw) => Some(Arm { name: self.model.clone(), ..opw.arm() }),
+            Some(opw) => Some(Arm {
+                name: self.model.clone(),
+                counting: self.joints.map(|_| Counting { maker: None, third_from_level: false }),
+                ..opw.arm()
+            }),
             None => arm::by_name(&self.model),
         }
     }
@@ -175,6 +298,8 @@ impl OpwSettings {
             name: String::new(),
             kinematics: Kinematics::SphericalWrist(SphericalWrist::new(opw)),
             limits: Limits::degrees(self.limits_deg, self.speeds_deg_s),
+            body: Body::of_reach(c2_mm + c3_mm, 0.0),
+            counting: None,
         }
     }
 
@@ -262,7 +387,7 @@ impl TorchBodySettings {
 mod tests {
     use super::*;
 
-    const IRB: &str = "model = \"mine\"\n[opw]\na1_mm = 150\na2_mm = 0\nc1_mm = 486.5\nc2_mm = 700\nc3_mm = 600\n\
+    const IRB: &str = "model = \"mine\"\nfloor_z_mm = 0\n[opw]\na1_mm = 150\na2_mm = 0\nc1_mm = 486.5\nc2_mm = 700\nc3_mm = 600\n\
         c4_mm = 65\noffsets_deg = [0, 0, -90, 0, 0, 0]\n\
         limits_deg = [[-180, 180], [-90, 150], [-245, 65], [-200, 200], [-115, 115], [-400, 400]]\n\
         speeds_deg_s = [180, 180, 185, 385, 400, 460]\n";

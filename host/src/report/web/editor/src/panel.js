@@ -93,7 +93,7 @@ function formats(schema) {
   const names = namesOf(schema, "Robot");
   const boxes = names.map((name) => el("input", { type: "checkbox", value: name, "data-key": `formats.${name}`, onchange: () => edit({ edit: "set", seam: null, key: "formats", value: boxes.filter((box) => box.checked).map((box) => box.value) }) }));
   const box = el("fieldset", {}, el("legend", {}, WORDS.formats), boxes.map((one) => el("label", { class: "box" }, one, one.value)));
-  box.update = (state) => boxes.forEach((one) => { one.checked = state.job.formats.includes(one.value); });
+  box.update = (state) => boxes.forEach((one) => { one.checked = state.formats.includes(one.value); });
   return box;
 }
 
