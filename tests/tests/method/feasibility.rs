@@ -28,6 +28,7 @@ fn planned(out: &Path, extra: &[&str]) -> (bool, String, Value) {
 fn an_arm_that_reaches_is_said_so_and_its_joints_are_written() {
     let home = tempfile::tempdir().unwrap();
     let (done, said, summary) = planned(home.path(), &["--robot-model", "ur10e"]);
+    assert!(said.contains("links of ur10e checked against what was scanned and a floor at z ="), "{said}");
     assert!(done, "{said}");
     assert_eq!(summary["feasibility"]["robot"], "ur10e");
     assert_eq!(summary["feasibility"]["feasible"], true, "{said}");
@@ -39,21 +40,63 @@ fn an_arm_that_reaches_is_said_so_and_its_joints_are_written() {
 }
 
 #[test]
-fn a_far_base_ends_well_with_a_warning_that_names_seam_and_waypoints() {
+fn what_the_arm_cannot_run_is_refused_and_written_where_that_is_accepted() {
     let home = tempfile::tempdir().unwrap();
-    let (done, said, summary) =
-        planned(home.path(), &["--robot-model", "ur3e", "--robot-base", "-3000,0,0,0,0,0"]);
-    assert!(done, "infeasible is a warning: {said}");
+    let far = ["--robot-model", "ur3e", "--robot-base", "-3000,0,0,0,0,0"];
+    let (done, said, summary) = planned(home.path(), &far);
+    assert!(!done && summary["verdict"]["state"] == "refused", "{said}");
     assert_eq!(summary["feasibility"]["feasible"], false);
-    assert!(said.contains("warning: seam 1, waypoints 0 to") && said.contains("move the part"), "{said}");
+    assert!(said.contains("infeasible: seam 1: waypoints 0 to") && said.contains("move the part"), "{said}");
+    assert!(!home.path().join("path.script").exists() && !home.path().join("path.json").exists());
+    let accepted = home.path().join("accepted");
+    let (done, said, _) = planned(&accepted, &[far.as_slice(), &["--accept", "infeasible"]].concat());
+    assert!(done && said.contains("infeasible (accepted)"), "{said}");
     let replay = home.path().join("again");
-    let job = home.path().join("job.toml");
+    let job = accepted.join("job.toml");
     let output = run(&["plan", "--job", job.to_str().unwrap(), "--out", replay.to_str().unwrap()]);
     assert!(output.status.success());
     for name in ["feasibility.csv", "job.toml", "path.json"] {
         let read = |folder: &Path| std::fs::read(folder.join(name)).unwrap();
-        assert_eq!(read(home.path()), read(&replay), "{name}");
+        assert_eq!(read(&accepted), read(&replay), "{name}");
     }
+}
+
+/// The first case of the findings: the elbow stood 178 mm below the arm's base, and the plan was called ready.
+#[test]
+fn the_cell_with_a_ur10e_keeps_every_link_above_the_floor() {
+    let home = tempfile::tempdir().unwrap();
+    let (cell, job) = (fixture("cell"), fixture("cell.toml"));
+    let out = home.path().to_str().unwrap();
+    let output = run(&["plan", &cell, "--job", &job, "--robot-model", "ur10e", "--out", out]);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let table = std::fs::read_to_string(home.path().join("feasibility.csv")).unwrap();
+    let mut rows = 0;
+    for line in table.lines().skip(1) {
+        let cells: Vec<&str> = line.split(',').collect();
+        let deg = |k: usize| cells[k].parse::<f64>().unwrap().to_radians();
+        let (q2, q3) = (deg(5), deg(6));
+        // The maker's DH table: d1 = 180.7, a2 = -612.7, a3 = -571.55 mm.
+        let elbow_mm = 180.7 - 612.7 * q2.sin();
+        let wrist_mm = elbow_mm - 571.55 * (q2 + q3).sin();
+        assert!(elbow_mm > 75.0 && wrist_mm > 60.0, "{line}: elbow {elbow_mm} mm, wrist {wrist_mm} mm");
+        rows += 1;
+    }
+    assert!(rows > 100);
+    let summary: Value =
+        serde_json::from_slice(&std::fs::read(home.path().join("summary.json")).unwrap()).unwrap();
+    let reasons: Vec<&str> =
+        summary["verdict"]["reasons"].as_array().unwrap().iter().map(|r| r["id"].as_str().unwrap()).collect();
+    assert_eq!(reasons, ["first-move-unchecked"]);
+}
+
+#[test]
+fn the_program_is_for_the_arms_maker_and_another_ones_is_asked_about() {
+    let home = tempfile::tempdir().unwrap();
+    let (_, said, _) = planned(home.path(), &["--robot-model", "kuka-kr10-r1420"]);
+    assert!(home.path().join("weldpath.src").exists() && !home.path().join("path.script").exists(), "{said}");
+    assert!(!said.contains("dialect-and-arm-differ"), "{said}");
+    let (_, said, _) = planned(home.path(), &["--robot-model", "kuka-kr10-r1420", "--robot", "abb"]);
+    assert!(said.contains("dialect-and-arm-differ: a program for ABB is written"), "{said}");
 }
 
 #[test]
@@ -77,7 +120,8 @@ fn checked(out: &Path, settings: &str) -> Value {
     let file = out.with_extension("toml");
     std::fs::write(&file, format!("input = {:?}\n{settings}", fixture("fillet"))).unwrap();
     let [file, folder] = [file.to_str().unwrap(), out.to_str().unwrap()];
-    let output = run(&["plan", "--job", file, "--out", folder, "--no-report", "--json"]);
+    let output =
+        run(&["plan", "--job", file, "--out", folder, "--no-report", "--json", "--accept", "infeasible"]);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     serde_json::from_slice::<Value>(&output.stdout).unwrap()["feasibility"].clone()
 }
@@ -106,7 +150,7 @@ fn a_suggestion_solves_what_it_says_for_every_turn_and_number_of_passes() {
 #[test]
 fn every_pass_is_checked_at_its_own_feed() {
     let home = tempfile::tempdir().unwrap();
-    let arm = "[robot.opw]\na1_mm = 150\na2_mm = 0\nc1_mm = 486.5\nc2_mm = 700\nc3_mm = 600\nc4_mm = 65\n\
+    let arm = "[robot]\nfloor_z_mm = \"none\"\n[robot.opw]\na1_mm = 150\na2_mm = 0\nc1_mm = 486.5\nc2_mm = 700\nc3_mm = 600\nc4_mm = 65\n\
                offsets_deg = [0, 0, -90, 0, 0, 0]\nlimits_deg = [[-180, 180], [-180, 180], [-245, 245], \
                [-400, 400], [-180, 180], [-400, 400]]\nspeeds_deg_s = [12, 12, 12, 12, 12, 12]\n\
                [path]\napproach_feed_mm_s = 2\nair_feed_mm_s = 2\n";
@@ -143,6 +187,7 @@ fn what_makes_no_sense_is_refused_with_a_way_out() {
         (vec!["--robot-base", "0,0,0,0,0,0"], "--robot-model"),
         (vec!["--robot-model", "ur5e", "--robot-base", "1,2,3"], "six"),
         (vec!["--torch", "nozzle=3"], "nozzle_radius_mm"),
+        (vec!["--robot-model", "ur5e", "--robot-base", "0,0,0,1.6,0,0"], "floor_z_mm"),
     ] {
         let (done, said, _) = planned(home.path(), &extra);
         assert!(!done && said.contains(word), "{extra:?}: {said}");

@@ -16,6 +16,7 @@ pub struct FeasibilitySummary {
     least_dexterity: Option<f64>,
     largest_joint_speed_share: Option<f64>,
     least_clearance_mm: Option<f64>,
+    floor_mm: Option<f64>,
     problems: Vec<Row>,
     suggestions: Vec<String>,
 }
@@ -49,6 +50,7 @@ impl FeasibilitySummary {
             least_dexterity: joints().map(|j| j.dexterity).reduce(f64::min),
             largest_joint_speed_share: joints().map(|j| j.speed_share).reduce(f64::max),
             least_clearance_mm: report.checks.iter().filter_map(|check| check.clearance_mm).reduce(f64::min),
+            floor_mm: report.floor_mm,
             problems: report.problems.iter().map(row).collect(),
             suggestions: report.suggestions.iter().map(|suggestion| suggestion.words()).collect(),
         }

@@ -48,6 +48,7 @@ function seek(time_s) {
     item(TEXTS.xyz, `${place(state.torch_mm)} mm`),
     torch.joints_rad && item(TEXTS.joints, `${torch.joints_rad.map((angle) => Math.round((180 * angle) / Math.PI)).join(", ")}°`),
     torch.joints_rad === null && item(content.arm.name, TEXTS.notReached),
+    torch.joints_rad && torch.touching !== null && item(content.arm.name, TEXTS.touches),
   ].filter(Boolean));
   scene?.moveTorch(torch);
 }
@@ -149,7 +150,7 @@ function legend() {
   ];
   const arm = scene.groups.arm && content.arm;
   $("legend").replaceChildren(...parts[state.colouring]().flat(),
-    ...(arm ? [el("div", {}, TEXTS.armLegend(arm.name, arm.radii_mm))] : []));
+    ...(arm ? [el("div", {}, TEXTS.armLegend(arm.name))] : []));
 }
 
 // Two standard deviations of the noise fill the colours of the filter's work.

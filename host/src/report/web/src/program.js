@@ -72,5 +72,5 @@ export function torchAt(time_s, position_mm = new Vector3(), rotation = new Quat
   rotation.slerpQuaternions(a.rotation, b.rotation, share);
   const arc = burns(i);
   const at = share > 0 || arc ? b : a;
-  return { position_mm, rotation, arc, seam: at.seam, kind: at.kind, feed_mm_s: at.feed_mm_s, s_mm: arc ? a.s_mm + share * (b.s_mm - a.s_mm) : at.s_mm, joints_rad: jointsAt(i, share) };
+  return { position_mm, rotation, arc, seam: at.seam, kind: at.kind, feed_mm_s: at.feed_mm_s, s_mm: arc ? a.s_mm + share * (b.s_mm - a.s_mm) : at.s_mm, joints_rad: jointsAt(i, share), touching: content.arm?.touching[share > 0 ? i + 1 : i] ?? null };
 }

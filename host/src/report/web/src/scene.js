@@ -213,10 +213,10 @@ export class Scene {
     this.add("arm", new THREE.Group()).add(this.arm);
   }
 
-  moveTorch({ position_mm, rotation, arc, joints_rad }) {
+  moveTorch({ position_mm, rotation, arc, joints_rad, touching }) {
     const torch = this.groups.torch;
     if (!torch) return;
-    this.arm?.stand(joints_rad);
+    this.arm?.stand(joints_rad, touching);
     torch.position.copy(position_mm).sub(centre);
     torch.quaternion.copy(rotation);
     this.arc.visible = arc;

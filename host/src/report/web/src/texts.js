@@ -65,6 +65,7 @@ export const TEXTS = /* @__PURE__ */ texts("TEXTS", {
   xyz: "x, y, z",
   joints: "joints",
   notReached: "does not reach this pose: the robot is not drawn",
+  touches: "touches something here: the red part",
   seamTitle: (id, joint) => `Seam ${id}: ${joint}`,
   legend: {
     height: "Height, mm", intensity: "Edge intensity", normals: "Normals", view: "Seen by (nearest raw point)", filter: "Removed by the filter, mm",
@@ -74,7 +75,7 @@ export const TEXTS = /* @__PURE__ */ texts("TEXTS", {
   theCloud: "the cloud",
   below: (mm) => `−${mm} below`,
   above: (mm) => `${mm} above`,
-  armLegend: (name, [arm, wrist]) => `Robot ${name}: nominal link radius ${arm} mm, wrist ${wrist} mm; drawn, not checked`,
+  armLegend: (name) => `Robot ${name}: nominal sizes, checked against what was scanned only; red where it touches`,
   footer: (version) => `weldpath ${version}. Keys: arrows turn, + and − zoom, F shows all, digits select a seam, space plays. Look at the program in the controller's simulation before it is run.`,
   // Head, verdict, tiles, warnings.
   views: (n) => plural(n, "view"),
@@ -298,7 +299,7 @@ export const WORDS = /* @__PURE__ */ texts("WORDS", {
   xyz: "x, y, z",
   badList: "three numbers, as in 0, 0, 1",
   formats: "Robot programs",
-  robot: "Robot whose reach is checked",
+  robot: "Robot that is checked",
   noRobot: "none: reach and joints are not checked",
   passes: "Passes",
   onePass: "One pass on the seam's line.",
