@@ -15,9 +15,11 @@ use super::torch::{Obstacles, Torch};
 use super::{Check, Floor, JointCheck, Oddity, PlacedArm, torch_from_tool};
 use crate::robot::posture::{PlannedPosture, Stance};
 
+/// The link that carries the cable.
+const FLANGE: usize = 6;
 /// The base and the column stand on the floor and beside the work for good.
 const FIRST_OVER_THE_FLOOR: usize = 2;
-/// What bridges two capsules may bend by so much before it is a touch: nominal sizes are no closer, mm.
+/// Links overlap by more than this before it is a touch of each other: their sizes are nominal, mm.
 const PLAY_MM: f64 = 5.0;
 
 /// What a link touches.
@@ -69,6 +71,7 @@ pub(super) struct Links<'a> {
     work: &'a Obstacles,
     /// What holds the torch, and the torch, in the flange's frame.
     torch: Vec<Capsule>,
+    cable_radius_mm: f64,
     pub(super) floor_mm: Option<f64>,
 }
 
@@ -81,8 +84,9 @@ impl<'a> Links<'a> {
             Floor::None => None,
         };
         let chain = LinkChain::of(&robot.arm);
+        let (ahead, cable_radius_mm) = (robot.arm.ahead(), torch.cable_radius_mm);
         let torch = torch.at_the_flange(&robot.flange_from_tcp);
-        Self { robot, chain, ahead: robot.arm.ahead(), work, torch, floor_mm }
+        Self { robot, chain, ahead, work, torch, cable_radius_mm, floor_mm }
     }
 
     /// The motion of the joints along the stations that has least against it.
@@ -250,7 +254,10 @@ impl<'a> Links<'a> {
     fn outer_touches(&self, capsule: &Capsule) -> impl Iterator<Item = Touch> {
         let is_torch = capsule.link == TORCH;
         let link = self.link(capsule.link);
-        let placed = capsule.moved(&self.robot.base_from_robot);
+        let mut placed = capsule.moved(&self.robot.base_from_robot);
+        if capsule.link == FLANGE {
+            placed.radius_mm = placed.radius_mm.max(self.cable_radius_mm);
+        }
         let over = capsule.link >= FIRST_OVER_THE_FLOOR;
         let floor = self.floor_mm.filter(|_| over).map(|floor_mm| {
             let lowest_mm = placed.ends_mm.iter().map(|end| end.z).fold(f64::INFINITY, f64::min);

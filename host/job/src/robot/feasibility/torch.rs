@@ -32,6 +32,8 @@ pub struct Torch {
     pub body_radius_mm: f64,
     /// Length of the body.
     pub body_length_mm: f64,
+    /// Radius of the cable and its hoses about the flange.
+    pub cable_radius_mm: f64,
 }
 
 impl Default for Torch {
@@ -45,6 +47,7 @@ impl Default for Torch {
             neck_deg: 0.0,
             body_radius_mm: 25.0,
             body_length_mm: 150.0,
+            cable_radius_mm: 60.0,
         }
     }
 }

@@ -134,6 +134,8 @@ pub struct TorchBodySettings {
     pub body_radius_mm: f64,
     /// Length of the body.
     pub body_length_mm: f64,
+    /// Radius of the cable and its hoses about the flange of the robot.
+    pub cable_radius_mm: f64,
     /// Least distance that the torch shall keep from what was scanned.
     pub keep_off_mm: f64,
 }
@@ -149,6 +151,7 @@ impl Default for TorchBodySettings {
             neck_deg: torch.neck_deg,
             body_radius_mm: torch.body_radius_mm,
             body_length_mm: torch.body_length_mm,
+            cable_radius_mm: torch.cable_radius_mm,
             keep_off_mm: 1.0,
         }
     }
@@ -360,6 +363,7 @@ impl TorchBodySettings {
             ("neck_deg", self.neck_deg, -90.0, 90.0),
             ("body_radius_mm", self.body_radius_mm, 1.0, 200.0),
             ("body_length_mm", self.body_length_mm, 0.0, 1000.0),
+            ("cable_radius_mm", self.cable_radius_mm, 0.0, 300.0),
             ("keep_off_mm", self.keep_off_mm, 0.0, 30.0),
         ];
         let outside = |(_, value, least, most): &&(&str, f64, f64, f64)| !(*least..=*most).contains(value);
@@ -379,6 +383,7 @@ impl TorchBodySettings {
             neck_deg: self.neck_deg,
             body_radius_mm: self.body_radius_mm,
             body_length_mm: self.body_length_mm,
+            cable_radius_mm: self.cable_radius_mm,
         }
     }
 }
