@@ -83,7 +83,7 @@ impl LinkChain {
             joints_rad[joint] = FRAC_PI_2;
             JointAxis::of(&(arm.forward(&joints_rad) * base_from_flange.inverse()))
         });
-        let lines_mm = lines_mm(&axes, &base_from_flange);
+        let lines_mm = lines_mm(&axes, arm.body.mounting_mm, &base_from_flange);
         let corner = |line: usize| lines_mm[line].last().copied().unwrap_or_else(Point3::origin);
         let corners_mm = [corner(1), corner(2), corner(4)];
         let capsules = capsules(&arm.body, &axes, &lines_mm);
@@ -152,9 +152,13 @@ fn capsules(body: &Body, axes: &[JointAxis; 6], lines_mm: &[Vec<Point3<f64>>; 7]
 }
 
 /// Along each axis to the place where it is nearest to the next one, and from there to that one.
-fn lines_mm(axes: &[JointAxis; 6], base_from_flange: &Isometry3<f64>) -> [Vec<Point3<f64>>; 7] {
+fn lines_mm(
+    axes: &[JointAxis; 6],
+    mounting_mm: f64,
+    base_from_flange: &Isometry3<f64>,
+) -> [Vec<Point3<f64>>; 7] {
     let flange_mm = Point3::from(base_from_flange.translation.vector);
-    let mut reached_mm = Point3::origin();
+    let mut reached_mm = Point3::new(0.0, 0.0, mounting_mm);
     std::array::from_fn(|link| {
         let before = link.checked_sub(1).map(|joint| axes[joint]);
         let next = axes.get(link);

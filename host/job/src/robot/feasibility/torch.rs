@@ -188,7 +188,8 @@ impl Obstacles {
         let mut nearest = [(usize::MAX, radius_mm); WALL_POINTS];
         for k in 0..pieces as usize {
             let middle = from + half * (2 * k + 1) as f32;
-            self.thinned.within(&middle, half.norm().hypot(radius), |slot, _| {
+            // The round ends reach farther than the middle's rim.
+            self.thinned.within(&middle, half.norm() + radius, |slot, _| {
                 let offset = self.thinned.point(slot) - from;
                 let share = (offset.dot(&along) / squared).clamp(0.0, 1.0);
                 keep(&mut nearest, slot, f64::from((offset - along * share).norm()));
@@ -353,6 +354,27 @@ mod tests {
         let at = |turn: &UnitQuaternion<f64>| behind.clearance_mm(&bent, &Point3::origin(), turn);
         assert!(at(&UnitQuaternion::identity()).unwrap() < 0.0);
         assert_eq!(at(&turned), None);
+    }
+
+    #[test]
+    fn points_inside_a_capsule_are_found_to_its_round_ends() {
+        // A sheet across the x axis, 20 mm beyond the end of a bar of radius 30 mm: 10 mm of it are inside.
+        let sheet = |x: f32| {
+            let points_mm: Vec<Point3<f32>> = (-10..=10)
+                .flat_map(|y| (-10..=10).map(move |z| Point3::new(x, 3.0 * y as f32, 3.0 * z as f32)))
+                .collect();
+            let normals = vec![Vector3::x(); points_mm.len()];
+            Obstacles::new(&PointCloud { origin_mm: Point3::origin(), points_mm, normals })
+        };
+        let bar = |from: f64, to: f64| [Point3::new(from, 0.0, 0.0), Point3::new(to, 0.0, 0.0)];
+        for (ends_mm, x, depth_mm) in
+            [(bar(0.0, 500.0), 520.0, 10.0), (bar(500.0, 0.0), 520.0, 10.0), (bar(0.0, 500.0), 250.0, 30.0)]
+        {
+            let found = sheet(x).inside_mm(&ends_mm, 30.0).unwrap_or_default();
+            // The third nearest of points that stand 6 mm apart.
+            assert!(found <= depth_mm && found > depth_mm - 6.5, "{ends_mm:?}: {found}");
+        }
+        assert_eq!(sheet(531.0).inside_mm(&bar(0.0, 500.0), 30.0), None);
     }
 
     #[test]

@@ -353,190 +353,43 @@ impl Default for ProgramName {
 }
 
 /// Words that a dialect keeps for itself, in lower case: RAPID's reserved words (3HAC050947, 1.1), those of KRL, of
-/// URScript (and what it takes from Python), and of FANUC's TP; a name is used in any of them, and case is told in none but
-/// URScript.
-const RESERVED: &[&str] = &[
-    "alias",
-    "and",
-    "backward",
-    "case",
-    "connect",
-    "const",
-    "default",
-    "div",
-    "do",
-    "else",
-    "elseif",
-    "endfor",
-    "endfunc",
-    "endif",
-    "endmodule",
-    "endproc",
-    "endrecord",
-    "endtest",
-    "endtrap",
-    "endwhile",
-    "error",
-    "exit",
-    "false",
-    "for",
-    "from",
-    "func",
-    "goto",
-    "if",
-    "inout",
-    "local",
-    "mod",
-    "module",
-    "nostepin",
-    "not",
-    "noview",
-    "or",
-    "pers",
-    "proc",
-    "raise",
-    "readonly",
-    "record",
-    "retry",
-    "return",
-    "step",
-    "sysmodule",
-    "task",
-    "test",
-    "then",
-    "to",
-    "trap",
-    "true",
-    "trynext",
-    "undo",
-    "var",
-    "viewonly",
-    "while",
-    "with",
-    "xor",
-    // KRL
-    "anin",
-    "anout",
-    "b_and",
-    "b_exor",
-    "b_not",
-    "b_or",
-    "bool",
-    "brake",
-    "break",
-    "ccirc",
-    "char",
-    "circ",
-    "circ_rel",
-    "confirm",
-    "continue",
-    "decl",
-    "def",
-    "deffct",
-    "digin",
-    "end",
-    "enddat",
-    "endfct",
-    "endfold",
-    "endloop",
-    "endspline",
-    "endswitch",
-    "enum",
-    "exor",
-    "ext",
-    "extfct",
-    "fct",
-    "fold",
-    "frame",
-    "global",
-    "halt",
-    "import",
-    "int",
-    "interrupt",
-    "is",
-    "lin",
-    "lin_rel",
-    "loop",
-    "maximum",
-    "minimum",
-    "on",
-    "off",
-    "prio",
-    "ptp",
-    "ptp_rel",
-    "public",
-    "pulse",
-    "real",
-    "repeat",
-    "resume",
-    "signal",
-    "slin",
-    "spline",
-    "sptp",
-    "struc",
-    "switch",
-    "timer",
-    "trigger",
-    "until",
-    "wait",
-    "when",
-    // URScript
-    "as",
-    "assert",
-    "class",
-    "del",
-    "elif",
-    "except",
-    "finally",
-    "in",
-    "lambda",
-    "none",
-    "pass",
-    "print",
-    "run",
-    "sec",
-    "thread",
-    "try",
-    "kill",
-    "join",
-    "sync",
-    "movej",
-    "movel",
-    "movep",
-    "movec",
-    "sleep",
-    "popup",
-    "textmsg",
-    // TP
-    "abort",
-    "attr",
-    "call",
-    "eof",
-    "jmp",
-    "lbl",
-    "mn",
-    "pause",
-    "pos",
-    "prog",
-    "skip",
-    "uframe_num",
-    "utool_num",
-    // Routines and files that controllers have of their own
-    "main",
-    "bas",
-    "p00",
-    "cell",
-    "sps",
-    "ir_stopm",
-];
+/// URScript (and what it takes from Python), of FANUC's TP, and instructions and types that a program of that name would
+/// hide; a name is used in any of them, and case is told in none but URScript.
+const RESERVED: &str = "\
+    abort alias and anin anout arcl arclend arclstart as assert attr axis b_and b_exor b_not b_or backward bas \
+    bool brake break call case ccirc cell char circ circ_rel class confirm confj confl connect const continue \
+    decl def default deffct del digin div do e6axis e6pos elif else elseif end enddat endfct endfold endfor \
+    endfunc endif endloop endmodule endproc endrecord endspline endswitch endtest endtrap endwhile enum eof \
+    error except exit exor ext extfct false fct finally fold for frame from func global goto halt home if import \
+    in inout int interrupt ir_stopm is jmp join jointtarget kill lambda lbl lin lin_rel load local loop main \
+    maximum minimum mn mod module monitor moveabsj movec movej movel movep none nostepin not noview num off on \
+    or orient override p00 pass pause pers popup pos pose print prio proc prog ptp ptp_rel public pulse pulsedo \
+    raise readonly real record repeat reset resume retry return robtarget run seamdata sec select set setdo \
+    signal singarea skip sleep slin speeddata spline sps sptp step stop string struc switch sync sysmodule task \
+    test textmsg then thread timer to tooldata tpwrite trap trigger true try trynext uframe_num undo until \
+    utool_num var viewonly wait waitdi waittime waituntil welddata when while with wobjdata xor zonedata \
+";
+/// What programs of weldpath number themselves, and registers: letters that only digits follow.
+const NUMBERED: [&str; 6] = ["p", "xp", "r", "pr", "di", "do"];
+
+/// Whether a program of this name would be, or hide, something else.
+fn is_taken(name: &str) -> bool {
+    let name = name.to_ascii_lowercase();
+    let letters = name.trim_end_matches(|c: char| c.is_ascii_digit());
+    let numbered = letters.len() < name.len() && NUMBERED.contains(&letters);
+    numbered || RESERVED.split_whitespace().any(|word| word == name)
+}
 
 impl TryFrom<String> for ProgramName {
     type Error = String;
     fn try_from(name: String) -> Result<Self, String> {
         let allowed = |c: char| c.is_ascii_alphanumeric() || c == '_';
         let first = name.chars().next().is_some_and(|c| c.is_ascii_alphabetic());
-        if RESERVED.contains(&name.to_ascii_lowercase().as_str()) {
-            return Err(format!("{name:?} is a word of a robot language and can be no program's name"));
+        if is_taken(&name) {
+            return Err(format!(
+                "{name:?} is a word of a robot language, or what its programs call points: choose another name, such as \
+                 \"weld_{name}\""
+            ));
         }
         if first && name.len() <= 16 && name.chars().all(allowed) {
             return Ok(Self(name));
@@ -631,6 +484,11 @@ mod tests {
         }
         for name in ["", "1st", "_a", "a-b", "a b", "ä", "a.b", "seventeen_letters"] {
             assert!(ProgramName::try_from(name.to_owned()).is_err(), "{name}");
+        }
+        for name in ["stop", "Stop", "P1", "p12", "XP3", "R2", "main", "movej", "WHILE"] {
+            let error = ProgramName::try_from(name.to_owned()).unwrap_err();
+            assert!(error.contains(&format!("weld_{name}")), "{error}");
+            assert!(ProgramName::try_from(format!("weld_{name}")).is_ok(), "{name}");
         }
     }
 }
