@@ -166,22 +166,21 @@ fn submit(setup: &ProgramSetup) -> String {
             .into(),
         "there would be no arc at all.".into(),
     ]);
-    let off = |flag| format!("$FLAG[{flag}]=FALSE\n");
-    text.push_str("IF NOT $PRO_ACT OR NOT $ALARM_STOP OR $STOPMESS THEN\n");
-    text.push_str(&(off(flag::ARC) + &off(flag::GAS) + "ENDIF\n"));
-    text.push_str(&format!("$OUT[{}]=$FLAG[{}]\n", number(arc.output), flag::ARC));
-    if let Some(gas) = gas {
-        text.push_str(&format!("$OUT[{gas}]=$FLAG[{}]\n", flag::GAS));
-    }
+    let out = format!("$FLAG[{}]=FALSE\n$FLAG[{}]=FALSE\n", flag::ARC, flag::GAS);
+    text.push_str(&format!("IF NOT $PRO_ACT OR NOT $ALARM_STOP OR $STOPMESS THEN\n{out}ENDIF\n"));
     let begun = if gas.is_some() { flag::GAS } else { flag::ARC };
     let mut broken = format!("($FLAG[{}] AND NOT $FLAG[{begun}])", flag::WELD);
     if let Some(input) = established {
         broken.push_str(&format!(" OR ($FLAG[{}] AND NOT $IN[{input}])", flag::ESTABLISHED));
     }
     text.push_str(&format!(
-        "IF {broken} THEN\n$FLAG[{0}]=NOT $FLAG[{0}]\nELSE\n$FLAG[{0}]=FALSE\nENDIF\n",
+        "IF {broken} THEN\n{out}$FLAG[{0}]=$PRO_ACT AND NOT $FLAG[{0}]\nELSE\n$FLAG[{0}]=FALSE\nENDIF\n",
         flag::BROKEN
     ));
+    text.push_str(&format!("$OUT[{}]=$FLAG[{}]\n", number(arc.output), flag::ARC));
+    if let Some(gas) = gas {
+        text.push_str(&format!("$OUT[{gas}]=$FLAG[{}]\n", flag::GAS));
+    }
     text
 }
 
@@ -292,23 +291,26 @@ fn arc_on(name: &str, arc: &WeldingArc) -> String {
     let own_preflow_s = if arc.gas_output.is_none() { arc.gas_preflow_s } else { 0.0 };
     let strike_s = arc.strike_s + own_preflow_s;
     match arc.established_input {
-        Some(input) => text.push_str(&(wait_for(number(input), strike_s) + &set(flag::ESTABLISHED))),
-        None => text.push_str(&wait(strike_s.max(SUBMIT_S))),
+        Some(input) => {
+            text.push_str(&wait_for(number(input), number(arc.output), strike_s));
+            text.push_str(&set(flag::ESTABLISHED));
+        }
+        None => text.push_str(&format!(
+            "{}; Without its lines the submit interpreter does not switch the output.\nIF NOT $OUT[{}] THEN\n{}ENDIF\n",
+            wait(strike_s.max(SUBMIT_S)),
+            number(arc.output),
+            give_up()
+        )),
     }
-    text.push_str(&format!(
-        "; Without an arc at its output the submit interpreter does not run the lines.\n\
-         IF NOT $OUT[{}] THEN\n{}ENDIF\n",
-        number(arc.output),
-        give_up()
-    ));
     text + "END\n"
 }
 
-/// Where no arc comes within the time, everything is off and stays so.
-fn wait_for(input: u32, timeout_s: f64) -> String {
+/// Where no arc comes within the time, everything is off and stays so. Without its lines in the submit interpreter the
+/// output does not come either.
+fn wait_for(input: u32, output: u32, timeout_s: f64) -> String {
     format!(
         "$TIMER[1]=0\n$TIMER_STOP[1]=FALSE\n\
-         WHILE NOT $IN[{input}]\n\
+         WHILE NOT $IN[{input}] OR NOT $OUT[{output}]\n\
          IF $TIMER[1]>{} THEN\n\
          {}\
          ENDIF\n\
@@ -325,7 +327,7 @@ fn arc_off(name: &str, arc: &WeldingArc) -> String {
     let mut text = format!("GLOBAL DEF {name}_arc_off()\n; Edit: or ARCOFF of ArcTech.\n{ARRIVED}");
     text.push_str(&wait(arc.crater_s));
     text.push_str(&(off(flag::ESTABLISHED) + &off(flag::WELD) + &off(flag::ARC)));
-    text.push_str(&wait(arc.gas_postflow_s));
+    text.push_str(&wait(arc.gas_postflow_s.max(SUBMIT_S)));
     text + &off(flag::GAS) + "END\n"
 }
 
