@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::robot::{Step, Text, about, name, number, require};
+use crate::robot::{Ran, Step, Text, about, name, number, require};
 
 /// Longest name since R-30iA.
 const NAME: usize = 36;
@@ -19,7 +19,11 @@ const LINE: usize = 254;
 /// In which a robot is taken to stop, s: `CNT100` begins to turn half that way before the corner.
 const DECELERATION_S: f64 = 0.2;
 /// The sections, in their order.
-const SECTIONS: [&str; 5] = ["/PROG", "/ATTR", "/MN", "/POS", "/END"];
+const SECTIONS: [&str; 6] = ["/PROG", "/ATTR", "/APPL", "/MN", "/POS", "/END"];
+/// What a program with arc instructions needs.
+const APPLICATION: &str = "ARC Welding Equipment : 1,*,*,*,*;";
+/// Longest text of `MESSAGE`.
+const MESSAGE: usize = 24;
 
 struct Program {
     lines: Vec<String>,
@@ -29,15 +33,32 @@ struct Program {
 struct Position {
     frame: u32,
     tool: u32,
-    position_mm: Vector3<f64>,
-    base_from_tool: Matrix3<f64>,
+    place: Place,
+}
+
+enum Place {
+    Pose { position_mm: Vector3<f64>, base_from_tool: Matrix3<f64>, configuration: Configuration },
+    Joints([f64; 6]),
+}
+
+/// How the arm stands at a pose.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Configuration {
+    /// `F`, not `N`.
+    pub flipped: bool,
+    /// `U`, not `D`.
+    pub up: bool,
+    /// `T`, not `B`.
+    pub front: bool,
+    /// Of joints 1, 4 and 6.
+    pub turns: [i8; 3],
 }
 
 /// Loads the programs and runs `entry`.
 ///
 /// # Errors
 /// The first rule that is broken.
-pub fn run(files: &[Text], entry: &str) -> Result<Vec<Step>, String> {
+pub fn run(files: &[Text], entry: &str) -> Result<(Ran, Vec<Configuration>), String> {
     let mut programs = BTreeMap::new();
     for (file, text) in files {
         let (called, program) = parse(text).map_err(|why| format!("{file}: {why}"))?;
@@ -45,10 +66,17 @@ pub fn run(files: &[Text], entry: &str) -> Result<Vec<Step>, String> {
         require(own, || format!("{file} holds {called}"))?;
         programs.insert(called, program);
     }
-    let mut robot = Robot { programs: &programs, steps: vec![], burning: None, frame: None, tool: None };
+    let mut robot = Robot {
+        programs: &programs,
+        ran: Ran::default(),
+        configurations: vec![],
+        burning: None,
+        frame: None,
+        tool: None,
+    };
     robot.call(entry, 0)?;
     require(robot.burning.is_none(), || "the arc is left burning".into())?;
-    Ok(robot.steps)
+    Ok((robot.ran, robot.configurations))
 }
 
 fn parse(text: &str) -> Result<(String, Program), String> {
@@ -73,7 +101,9 @@ fn parse(text: &str) -> Result<(String, Program), String> {
     name(called, NAME)?;
     require(called == called.to_uppercase(), || format!("{called} is not in capitals"))?;
     attributes(&sections[1].1)?;
-    let program = Program { lines: numbered(&sections[2].1)?, positions: positions(&sections[3].1)? };
+    let application: Vec<&str> = sections[2].1.iter().map(|line| line.trim()).collect();
+    require(application == [APPLICATION], || format!("/APPL says {application:?}"))?;
+    let program = Program { lines: numbered(&sections[3].1)?, positions: positions(&sections[4].1)? };
     Ok((called.to_owned(), program))
 }
 
@@ -126,16 +156,34 @@ fn positions(lines: &[&str]) -> Result<BTreeMap<u32, Position>, String> {
 
 fn position(body: &str) -> Result<Position, String> {
     let rest = body.trim().strip_prefix("GP1:").ok_or("no GP1")?;
-    let (head, configuration) = rest.split_once("CONFIG : '").ok_or("no CONFIG")?;
-    let (configuration, values) = configuration.split_once("',").ok_or("CONFIG is not closed")?;
-    config(configuration)?;
+    let joints = rest.contains("J1 =");
+    let (head, rest) = if joints {
+        let at = rest.find("J1 =").unwrap_or_default();
+        (&rest[..at], &rest[at..])
+    } else {
+        rest.split_once("CONFIG : '").ok_or("no CONFIG")?
+    };
     let head: Vec<&str> = head.split(',').map(str::trim).collect();
     let count = |text: Option<&&str>, key: &str| {
         let value = text.and_then(|t| t.split_once(" : ")).filter(|(k, _)| *k == key);
         value.and_then(|(_, v)| v.parse::<u32>().ok()).ok_or_else(|| format!("no {key}"))
     };
     let (frame, tool) = (count(head.first(), "UF")?, count(head.get(1), "UT")?);
+    if joints {
+        let wanted = ["J1", "J2", "J3", "J4", "J5", "J6"].map(|joint| (joint, "deg"));
+        return Ok(Position { frame, tool, place: Place::Joints(components(rest, wanted)?) });
+    }
+    let (configuration, values) = rest.split_once("',").ok_or("CONFIG is not closed")?;
     let wanted = [("X", "mm"), ("Y", "mm"), ("Z", "mm"), ("W", "deg"), ("P", "deg"), ("R", "deg")];
+    let [x, y, z, w, p, r] = components(values, wanted)?;
+    // About the fixed x, then the fixed y, then the fixed z.
+    let base_from_tool = about(2, r) * (about(1, p) * about(0, w));
+    let configuration = config(configuration)?;
+    let place = Place::Pose { position_mm: Vector3::new(x, y, z), base_from_tool, configuration };
+    Ok(Position { frame, tool, place })
+}
+
+fn components(values: &str, wanted: [(&str, &str); 6]) -> Result<[f64; 6], String> {
     let items: Vec<&str> = values.split(',').map(str::trim).collect();
     require(items.len() == 6, || format!("{} components", items.len()))?;
     let mut six = [0.0; 6];
@@ -146,27 +194,27 @@ fn position(body: &str) -> Result<Position, String> {
         require(digits.contains('.'), || format!("{key} has no point"))?;
         *value = number(digits)?;
     }
-    let [x, y, z, w, p, r] = six;
-    // About the fixed x, then the fixed y, then the fixed z.
-    let base_from_tool = about(2, r) * (about(1, p) * about(0, w));
-    Ok(Position { frame, tool, position_mm: Vector3::new(x, y, z), base_from_tool })
+    Ok(six)
 }
 
 /// `N U T, 0, 0, 0`: wrist, arm, front or back, and the turns of axes 1, 4 and 6.
-fn config(text: &str) -> Result<(), String> {
+fn config(text: &str) -> Result<Configuration, String> {
     let parts: Vec<&str> = text.split(',').map(str::trim).collect();
     let [letters, turns @ ..] = parts.as_slice() else { return Err("an empty CONFIG".into()) };
     let letters: Vec<&str> = letters.split(' ').collect();
     let known = [["N", "F"], ["U", "D"], ["T", "B"]];
     let right = letters.len() == 3 && letters.iter().zip(known).all(|(letter, both)| both.contains(letter));
     require(right, || format!("CONFIG {text:?}"))?;
-    let turned = turns.len() == 3 && turns.iter().all(|turn| turn.parse::<i8>().is_ok());
-    require(turned, || format!("turns in CONFIG {text:?}"))
+    let turned: Vec<i8> = turns.iter().filter_map(|turn| turn.parse().ok()).collect();
+    let turns = turned.try_into().map_err(|_| format!("turns in CONFIG {text:?}"))?;
+    Ok(Configuration { flipped: letters[0] == "F", up: letters[1] == "U", front: letters[2] == "T", turns })
 }
 
 struct Robot<'a> {
     programs: &'a BTreeMap<String, Program>,
-    steps: Vec<Step>,
+    ran: Ran,
+    /// Of the moves to poses.
+    configurations: Vec<Configuration>,
     /// The schedule with which the arc was struck.
     burning: Option<u32>,
     frame: Option<u32>,
@@ -189,7 +237,7 @@ impl Robot<'_> {
         };
         if let Some(rest) = line.strip_prefix("Arc Start") {
             require(self.burning.is_none(), || "the arc burns already".into())?;
-            require(self.steps.last().is_some_and(|step| step.stops), || "struck on the move".into())?;
+            require(self.ran.steps.last().is_some_and(|step| step.stops), || "struck on the move".into())?;
             self.burning = Some(schedule(rest)?);
         } else if let Some(rest) = line.strip_prefix("Arc End") {
             let number = schedule(rest)?;
@@ -202,18 +250,22 @@ impl Robot<'_> {
         } else if let Some(time) = line.strip_prefix("WAIT ") {
             let time_s = number(time.strip_suffix("(sec)").ok_or("WAIT without (sec)")?)?;
             require(time_s > 0.0, || "no time".into())?;
-            let step = self.steps.last_mut().filter(|step| step.stops).ok_or("WAIT on the move")?;
+            let step = self.ran.steps.last_mut().filter(|step| step.stops).ok_or("WAIT on the move")?;
             step.dwell_s += time_s;
         } else if let Some(called) = line.strip_prefix("CALL ") {
             self.call(called, depth + 1)?;
+        } else if let Some(text) = line.strip_prefix("MESSAGE[") {
+            let text = text.strip_suffix(']').ok_or("MESSAGE is not closed")?;
+            require(text.len() <= MESSAGE, || format!("a message of {} characters", text.len()))?;
+        } else if line == "PAUSE" {
+            self.ran.asked.push(self.ran.steps.len());
         } else {
-            let step = self.motion(program, line)?;
-            self.steps.push(step);
+            self.motion(program, line)?;
         }
         Ok(())
     }
 
-    fn motion(&self, program: &Program, line: &str) -> Result<Step, String> {
+    fn motion(&mut self, program: &Program, line: &str) -> Result<(), String> {
         let words: Vec<&str> = line.split_whitespace().collect();
         let [kind @ ("J" | "L"), point, speed, termination] = words.as_slice() else {
             return Err("unknown instruction".into());
@@ -228,15 +280,28 @@ impl Robot<'_> {
             None => require(*termination == "FINE", || format!("{termination}?")).map(|()| None)?,
         };
         let turn_mm = 0.5 * speed_mm_s.unwrap_or(0.0) * DECELERATION_S;
-        Ok(Step {
-            position_mm: position.position_mm,
-            base_from_tool: position.base_from_tool,
+        let (position_mm, base_from_tool, configuration) = match position.place {
+            Place::Pose { position_mm, base_from_tool, configuration } => {
+                (position_mm, base_from_tool, configuration)
+            }
+            Place::Joints(joints_deg) => {
+                let safe = *kind == "J" && self.burning.is_none() && share.is_none();
+                require(safe, || "joints on a linear move, under the arc or on the fly".into())?;
+                self.ran.joints.push((self.ran.steps.len(), joints_deg));
+                return Ok(());
+            }
+        };
+        self.configurations.push(configuration);
+        self.ran.steps.push(Step {
+            position_mm,
+            base_from_tool,
             speed_mm_s,
             stops: share.is_none(),
             dwell_s: 0.0,
             blend_mm: share.map_or(0.0, |share| f64::from(share) / 100.0 * turn_mm),
             burning: self.burning.is_some(),
-        })
+        });
+        Ok(())
     }
 }
 

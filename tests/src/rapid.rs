@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::robot::{Step, Text, name, number, require};
+use crate::robot::{Ran, Step, Text, name, number, require};
 
 /// Longest name.
 const NAME: usize = 32;
@@ -60,15 +60,16 @@ struct Memory {
 ///
 /// # Errors
 /// The first rule of the language that is broken.
-pub fn run(modules: &[Text], entry: &str) -> Result<Vec<Step>, String> {
+pub fn run(modules: &[Text], entry: &str) -> Result<Ran, String> {
     let mut memory = Memory::default();
     for (_, text) in modules {
         memory.load(text)?;
     }
-    let mut robot = Robot { memory: &memory, steps: vec![], burning: false, configuration: [true; 2] };
+    let mut robot = Robot { memory: &memory, ran: Ran::default(), burning: false, configuration: [true; 2] };
     robot.call(entry, 0)?;
     require(!robot.burning, || "the arc is left burning".into())?;
-    Ok(robot.steps)
+    require(robot.configuration == [true; 2], || "ConfJ or ConfL is left off".into())?;
+    Ok(robot.ran)
 }
 
 impl Memory {
@@ -234,7 +235,7 @@ fn item(value: &Value, index: usize) -> Result<&Value, String> {
 
 struct Robot<'a> {
     memory: &'a Memory,
-    steps: Vec<Step>,
+    ran: Ran,
     burning: bool,
     /// Whether `ConfJ` and `ConfL` hold the robot to the configuration of the target.
     configuration: [bool; 2],
@@ -251,22 +252,48 @@ impl Robot<'_> {
     fn instruction(&mut self, module: &str, line: &str, depth: usize) -> Result<(), String> {
         if let Some(time) = line.strip_prefix("WaitTime ") {
             let time_s = number(time)?;
-            let step = self.steps.last_mut().filter(|step| step.stops).ok_or("WaitTime on the move")?;
+            let step = self.ran.steps.last_mut().filter(|step| step.stops).ok_or("WaitTime on the move")?;
             step.dwell_s += time_s;
             return require(time_s > 0.0, || "no time".into());
         }
         match line {
             "ConfJ\\Off" => self.configuration[0] = false,
             "ConfL\\Off" => self.configuration[1] = false,
+            "ConfJ\\On" => self.configuration[0] = true,
+            "ConfL\\On" => self.configuration[1] = true,
+            "Stop" => self.ran.asked.push(self.ran.steps.len()),
             _ => match line.split_once(' ') {
                 None => self.call(line, depth + 1)?,
+                Some(("TPWrite", text)) => {
+                    let quoted = text.len() > 1 && text.starts_with('"') && text.ends_with('"');
+                    require(quoted && text.len() <= 82, || format!("TPWrite {text}"))?;
+                }
+                Some(("MoveAbsJ", rest)) => {
+                    self.by_joints(module, rest).map_err(|why| format!("{line:?}: {why}"))?;
+                }
                 Some((command, rest)) => {
                     let step = self.motion(module, command, &arguments(rest)?);
                     let step = step.map_err(|why| format!("{line:?}: {why}"))?;
-                    self.steps.push(step);
+                    self.ran.steps.push(step);
                 }
             },
         }
+        Ok(())
+    }
+
+    /// `MoveAbsJ` of a jointtarget that is written out.
+    fn by_joints(&mut self, module: &str, rest: &str) -> Result<(), String> {
+        let arguments = arguments(rest)?;
+        let [target, speed, zone, frame] = arguments.as_slice() else {
+            return Err(format!("{} arguments", arguments.len()));
+        };
+        let target = value(target)?;
+        require(letters(&target) == "[[nnnnnn][nnnnnn]]", || "no jointtarget".into())?;
+        require(numbers::<6>(item(&target, 1)?)? == [9e9; 6], || "an external axis moves".into())?;
+        self.memory.find(module, speed, "speeddata")?;
+        require(zone == "fine" && !self.burning, || "joints under the arc or on the fly".into())?;
+        self.frame(module, frame)?;
+        self.ran.joints.push((self.ran.steps.len(), numbers::<6>(item(&target, 0)?)?));
         Ok(())
     }
 

@@ -3,6 +3,8 @@
 //! The interpreters of the dialects share this form and nothing of the emitters.
 
 use nalgebra::{Matrix3, Vector3};
+use weldpath::robot::dialect::Dialect;
+use weldpath::robot::posture::{PlannedPosture, ProgramEnd, Stance};
 use weldpath::run::job::Job;
 use weldpath::run::postprocessing::{Output, postprocess};
 use weldpath::weld::program::Waypoint;
@@ -25,6 +27,32 @@ length_mm = 20
 pitch_mm = 40
 "#;
 
+/// Length of a step of the interpreters that have a clock, s.
+pub const STEP_S: f64 = 0.01;
+
+/// How a person, or the controller, stops a running program.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stop {
+    /// By the pendant; it goes on where it was.
+    Pause,
+    /// By the controller, as after a collision; it goes on once a person has unlocked it.
+    Protective,
+    /// By the button; the program is over.
+    Emergency,
+    /// By the pendant, for good.
+    Program,
+}
+
+impl Stop {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Pause, Self::Protective, Self::Emergency, Self::Program];
+
+    /// Whether the same program can go on.
+    pub fn resumes(self) -> bool {
+        matches!(self, Self::Pause | Self::Protective)
+    }
+}
+
 /// A file of a program: its name and its text.
 pub type Text = (String, String);
 
@@ -45,6 +73,52 @@ pub struct Step {
     pub dwell_s: f64,
     /// Whether the arc burns on the way.
     pub burning: bool,
+}
+
+/// What a program did.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Ran {
+    /// Moves to poses.
+    pub steps: Vec<Step>,
+    /// Moves to joints, degrees, and how many steps came before each.
+    pub joints: Vec<(usize, [f64; 6])>,
+    /// Where a person was asked and waited for: how many steps came before.
+    pub asked: Vec<usize>,
+}
+
+/// Whether `ran` begins and ends by joints as [`standing`] says, and is the plan otherwise.
+///
+/// # Errors
+/// The first rule that is broken.
+pub fn check_standing(
+    ran: &Ran,
+    waypoints: &[Waypoint],
+    stances: &[Stance],
+    home: bool,
+    tolerance: &Tolerance,
+) -> Result<(), String> {
+    let first = stances[0].joints_deg;
+    let last = ran.steps.len();
+    let wanted = if home { vec![(0, HOME_DEG), (0, first), (last, HOME_DEG)] } else { vec![(0, first)] };
+    let near = |a: &(usize, [f64; 6]), b: &(usize, [f64; 6])| {
+        a.0 == b.0 && a.1.iter().zip(b.1).all(|(a, b)| (a - b).abs() < 1e-4)
+    };
+    let same = ran.joints.len() == wanted.len() && ran.joints.iter().zip(&wanted).all(|(a, b)| near(a, b));
+    require(same, || format!("joints {:?}, not {wanted:?}", ran.joints))?;
+    let asked: &[usize] = if home { &[] } else { &[0] };
+    require(ran.asked == asked, || format!("asks at {:?}, not at {asked:?}", ran.asked))?;
+    let torch: Matrix3<f64> = waypoints[0].base_from_torch.to_rotation_matrix().into_inner();
+    let reached = Step {
+        position_mm: waypoints[0].position_mm.coords,
+        base_from_tool: Matrix3::from_columns(&[-torch.column(0), torch.column(1).into(), -torch.column(2)]),
+        speed_mm_s: None,
+        stops: true,
+        blend_mm: 0.0,
+        dwell_s: 0.0,
+        burning: false,
+    };
+    let steps: Vec<Step> = [reached].into_iter().chain(ran.steps.iter().cloned()).collect();
+    check(&steps, waypoints, tolerance)
 }
 
 /// How exact a dialect is.
@@ -131,6 +205,49 @@ pub fn about(axis: usize, deg: f64) -> Matrix3<f64> {
 pub fn output(job: &str) -> Output {
     let job = Job::parse(job, std::path::Path::new("job.toml")).expect("a job");
     postprocess(&plans::pipe_and_bend(), &job, Default::default()).expect("seams")
+}
+
+/// Home of [`standing`], degrees.
+pub const HOME_DEG: [f64; 6] = [10.0, -90.0, 80.5, 0.0, -45.25, 0.0];
+
+/// A program whose arm has made-up joints at each waypoint, in the counting of `dialect`: its files, its waypoints, and
+/// those joints. With `home` it begins and ends there.
+///
+/// # Panics
+/// If the job is refused.
+pub fn standing(job: &str, dialect: Dialect, home: bool) -> (Vec<Text>, Vec<Waypoint>, Vec<Stance>) {
+    standing_as(job, dialect, Some(dialect), home)
+}
+
+/// [`standing`], with joints in the counting of another.
+///
+/// # Panics
+/// If the job is refused.
+pub fn standing_as(
+    job: &str,
+    dialect: Dialect,
+    counted_by: Option<Dialect>,
+    home: bool,
+) -> (Vec<Text>, Vec<Waypoint>, Vec<Stance>) {
+    let waypoints = output(job).program.waypoints;
+    let stances: Vec<Stance> = (0..waypoints.len()).map(stance).collect();
+    let mut setup = Job::parse(job, std::path::Path::new("job.toml")).expect("a job").program_setup();
+    setup.posture = Some(PlannedPosture {
+        counted_by: counted_by.and_then(Dialect::maker),
+        stances: stances.clone(),
+        home_deg: home.then_some(HOME_DEG),
+        end: if home { ProgramEnd::Home } else { ProgramEnd::Stay },
+    });
+    let files = dialect.write(&waypoints, &setup).expect("a program");
+    let texts = files.into_iter().map(|file| (file.name, String::from_utf8(file.bytes).expect("text")));
+    (texts.collect(), waypoints, stances)
+}
+
+/// Turns of both signs, both wrists, both elbows, both faces.
+fn stance(i: usize) -> Stance {
+    let t = (i % 20) as f64;
+    let joints_deg = [-185.0 + 3.0 * t, -70.0 + t, 60.0, 170.0 + 2.0 * t, 5.0 - 2.0 * t, 400.0 - 30.0 * t];
+    Stance { joints_deg, front: i % 3 != 0, elbow_up: i % 4 != 1 }
 }
 
 /// The files of `output` whose names end so.

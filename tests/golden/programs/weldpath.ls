@@ -11,27 +11,39 @@ TCD:  STACK_SIZE	= 0,
       PAUSE_REQUEST	= 0;
 DEFAULT_GROUP	= 1,*,*,*,*;
 CONTROL_CODE	= 00000000 00000000;
+/APPL
+  ARC Welding Equipment : 1,*,*,*,*;
 /MN
    1:  !weldpath, never run on a robot ;
    2:  !Edit Arc Start[2] and CONFIG ;
    3:  !verdict: ready ;
-   4:  !Set UTOOL 3, mm and degrees ;
-   5:  !X 0.0 W 0.00 ;
-   6:  !Y -50.0 P 28.65 ;
-   7:  !Z 300.0 R 0.00 ;
-   8:  UFRAME_NUM=0 ;
-   9:  UTOOL_NUM=3 ;
-  10:J P[1] 10% FINE ;
-  11:L P[2] 150mm/sec FINE ;
-  12:L P[3] 25mm/sec FINE ;
-  13:  Arc Start[2] ;
-  14:L P[4] 8mm/sec CNT100 ;
-  15:L P[5] 8mm/sec CNT35 ;
-  16:L P[6] 8mm/sec CNT100 ;
-  17:L P[7] 8mm/sec FINE ;
-  18:  Arc End[2] ;
-  19:L P[8] 25mm/sec FINE ;
-  20:L P[9] 150mm/sec FINE ;
+   4:  !Not a safety function: the ;
+   5:  !emergency stop must cut the ;
+   6:  !power source by its own circuit. ;
+   7:  !Check on the controller: Arc ;
+   8:  !enable, weld restart (Resume). ;
+   9:  !Not verified. ;
+  10:  !The posture is the controller's ;
+  11:  !choice: not checked. ;
+  12:  !At the end the arm stays at the ;
+  13:  !last point. ;
+  14:  !Set UTOOL 3, mm and degrees ;
+  15:  !X 0.0 W 0.00 ;
+  16:  !Y -50.0 P 28.65 ;
+  17:  !Z 300.0 R 0.00 ;
+  18:  UFRAME_NUM=0 ;
+  19:  UTOOL_NUM=3 ;
+  20:J P[1] 10% FINE ;
+  21:L P[2] 150mm/sec FINE ;
+  22:L P[3] 25mm/sec FINE ;
+  23:  Arc Start[2] ;
+  24:L P[4] 8mm/sec CNT100 ;
+  25:L P[5] 8mm/sec CNT35 ;
+  26:L P[6] 8mm/sec CNT100 ;
+  27:L P[7] 8mm/sec FINE ;
+  28:  Arc End[2] ;
+  29:L P[8] 25mm/sec FINE ;
+  30:L P[9] 150mm/sec FINE ;
 /POS
 P[1]{
    GP1:

@@ -2,6 +2,14 @@ MODULE weldpath
   ! Written by weldpath. Call weldpath_run. Never run on a controller: try it in RobotStudio first.
   ! Edit: tool, work object (identity: the scan's base frame is wobj0), seam data, weld data.
   ! verdict: ready
+  ! Not a safety function: the emergency stop must cut the power source by its
+  ! own circuit.
+  ! Check in the Arc configuration: weld error recovery and arc process restart.
+  ! Not verified.
+  ! Speeds of welddata are mm/s: check that the Arc units are SI (US units are
+  ! inch a minute).
+  ! The posture is the controller's choice: not checked.
+  ! At the end the arm stays at the last point.
   PERS tooldata weldpath_tool:=[TRUE,[[0.0000,-50.0000,300.0000],[0.96891242,0.00000000,0.24740396,0.00000000]],[2.5,[0.0000,0.0000,0.0010],[1,0,0,0],0,0,0]];
   PERS wobjdata weldpath_wobj:=[FALSE,TRUE,"",[[0,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];
   PERS seamdata weldpath_seam:=[0,0.5,[0,0,0,0,0,0,0,0,0],0,0,0,0,0,[0,0,0,0,0,0,0,0,0],0,0.3,[0,0,0,0,0,0,0,0,0],0,0,[0,0,0,0,0,0,0,0,0],0.5];
@@ -30,5 +38,7 @@ MODULE weldpath
     ArcLEnd p7,weldpath_v1,weldpath_seam,weldpath_w1,fine,weldpath_tool\WObj:=weldpath_wobj;
     MoveL p8,weldpath_v1,fine,weldpath_tool\WObj:=weldpath_wobj;
     MoveL p9,weldpath_v2,fine,weldpath_tool\WObj:=weldpath_wobj;
+    ConfL\On;
+    ConfJ\On;
   ENDPROC
 ENDMODULE

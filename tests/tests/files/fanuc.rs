@@ -1,8 +1,12 @@
 //! `NAME.ls` does on a FANUC robot what the plan says, and the reader refuses a listing that does not.
 
+use weldpath::robot::dialect::Dialect;
+use weldpath::robot::posture::Stance;
 use weldpath::weld::program::Waypoint;
-use weldpath_tests::fanuc::run;
-use weldpath_tests::robot::{Text, Tolerance, WOVEN, check, output, refuses, texts};
+use weldpath_tests::fanuc::{Configuration, run};
+use weldpath_tests::robot::{
+    Text, Tolerance, WOVEN, check, check_standing, output, refuses, require, standing, texts,
+};
 
 /// Half of the last digit of the coordinates and angles; half a cm/min.
 const ROUNDED: Tolerance = Tolerance { position_mm: 1e-3, rotation_rad: 3e-6, speed_mm_s: 0.5 / 6.0 + 1e-9 };
@@ -23,7 +27,76 @@ payload_kg = 2.5
 "#;
 
 fn program(files: &[Text], waypoints: &[Waypoint], tolerance: &Tolerance) -> Result<(), String> {
-    check(&run(files, "WELDPATH")?, waypoints, tolerance)
+    check(&run(files, "WELDPATH")?.0.steps, waypoints, tolerance)
+}
+
+/// The listing of an arm whose joints are known.
+fn stands(files: &[Text], waypoints: &[Waypoint], stances: &[Stance], home: bool) -> Result<(), String> {
+    let (ran, configurations) = run(files, "WELDPATH")?;
+    check_standing(&ran, waypoints, stances, home, &WHOLE)?;
+    for (i, (found, stance)) in configurations.iter().zip(&stances[1..]).enumerate() {
+        let [j1, _, _, j4, j5, j6] = stance.joints_deg;
+        let turns = [j1, j4, j6].map(whole_turns);
+        let wanted = Configuration { flipped: j5 >= 0.0, up: stance.elbow_up, front: stance.front, turns };
+        require(*found == wanted, || format!("point {}: {found:?}, not {wanted:?}", i + 2))?;
+    }
+    Ok(())
+}
+
+/// How often a joint has passed half a turn, as robodk_postprocessors' Fanuc_R30iA counts.
+fn whole_turns(deg: f64) -> i8 {
+    (1..8)
+        .map(|k| {
+            i8::from(deg >= 360.0 * f64::from(k) - 180.0) - i8::from(-deg >= 360.0 * f64::from(k) - 180.0)
+        })
+        .sum()
+}
+
+#[test]
+fn the_first_point_is_reached_by_joints_and_every_point_says_how_the_arm_stands() {
+    for job in [JOB, "formats = [\"fanuc\"]\n[path]\npoints = 3000"] {
+        for home in [false, true] {
+            let (files, waypoints, stances) = standing(job, Dialect::Fanuc, home);
+            stands(&files, &waypoints, &stances, home).unwrap();
+        }
+    }
+}
+
+#[test]
+fn another_stance_is_refused() {
+    let (files, waypoints, stances) = standing(JOB, Dialect::Fanuc, true);
+    let configuration = |point: usize| {
+        let text = &files[0].1;
+        let at = text.find(&format!("P[{point}]{{")).unwrap();
+        let from = at + text[at..].find("CONFIG : '").unwrap() + 10;
+        text[from..from + text[from..].find('\'').unwrap()].to_owned()
+    };
+    let found = configuration(2);
+    assert_eq!(found, "F D T, -1, 0, 1", "the second of the made-up stances");
+    let mut mutations = vec![];
+    for wrong in [
+        "N D T, -1, 0, 1",
+        "F U T, -1, 0, 1",
+        "F D B, -1, 0, 1",
+        "F D T, 0, 0, 1",
+        "F D T, -1, 1, 1",
+        "F D T, -1, 0, 0",
+    ] {
+        mutations.push((found.as_str(), wrong, "point 2"));
+    }
+    mutations.extend([
+        ("J1 = -185.0000 deg", "J1 =  175.0000 deg", "joints"),
+        ("J P[1] 10% FINE", "L P[1] 100mm/sec FINE", "joints on a linear move"),
+        ("J6 =", "J7 =", "where J6 belongs"),
+        ("  ARC Welding Equipment : 1,*,*,*,*;\n", "", "/APPL"),
+    ]);
+    refuses(&files, &mutations, |files| stands(files, &waypoints, &stances, true));
+    let (asking, ..) = standing(JOB, Dialect::Fanuc, false);
+    refuses(
+        &asking,
+        &[("  PAUSE ;", "  !PAUSE ;", "asks at"), ("MOVE NOT", "MOVE HAS NOT BEEN", "a message of")],
+        |files| stands(files, &waypoints, &stances, false),
+    );
 }
 
 #[test]
@@ -66,6 +139,7 @@ fn a_mutated_listing_is_refused() {
         ("  Arc End[7] ;", "  Arc End[8] ;", "other data"),
         ("  Arc End[7] ;", "  !Arc End ;", "burns already"),
         ("  Arc Start[7] ;", "  !Arc Start ;", "does not burn"),
+        ("/APPL\n  ARC Welding Equipment : 1,*,*,*,*;\n", "", "/APPL is missing"),
         (angles, reversed.as_str(), "turned"),
         (ninth.as_str(), "", "is numbered"),
         ("/PROG  WELDPATH", "/PROG  WELDPATH_OF_A_NAME_OF_MORE_THAN_36_CHARS", "more than 36"),

@@ -29,7 +29,7 @@ payload_kg = 2.5
 #[test]
 fn every_dialect_writes_its_golden_program() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("golden/programs");
-    let programs = [".script", ".mod", ".src", ".dat", ".ls", "poses.yaml", "poses.json"];
+    let programs = [".script", ".mod", ".src", ".dat", "_sps.txt", ".ls", "poses.yaml", "poses.json"];
     let files = texts(&output(JOB), &programs);
     assert_eq!(files.len(), programs.len());
     for (name, text) in files {

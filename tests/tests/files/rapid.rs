@@ -1,8 +1,11 @@
 //! `NAME.mod` does on an ABB robot what the plan says, and the interpreter refuses a module that does not.
 
+use weldpath::robot::dialect::Dialect;
 use weldpath::weld::program::Waypoint;
 use weldpath_tests::rapid::run;
-use weldpath_tests::robot::{Text, Tolerance, WOVEN, check, output, refuses, texts};
+use weldpath_tests::robot::{
+    Text, Tolerance, WOVEN, check, check_standing, output, refuses, standing, texts,
+};
 
 /// Half of the last digit of the three coordinates; quaternions to eight digits.
 const ROUNDED: Tolerance = Tolerance { position_mm: 1e-4, rotation_rad: 1e-7, speed_mm_s: 1e-9 };
@@ -20,7 +23,28 @@ payload_kg = 2.5
 "#;
 
 fn program(files: &[Text], waypoints: &[Waypoint]) -> Result<(), String> {
-    check(&run(files, "weldpath_run")?, waypoints, &ROUNDED)
+    check(&run(files, "weldpath_run")?.steps, waypoints, &ROUNDED)
+}
+
+#[test]
+fn the_first_point_is_reached_by_joints() {
+    for job in [JOB, "formats = [\"abb\"]\n[path]\npoints = 4000"] {
+        for home in [false, true] {
+            let (files, waypoints, stances) = standing(job, Dialect::Abb, home);
+            let ran = run(&files, "weldpath_run").unwrap();
+            check_standing(&ran, &waypoints, &stances, home, &ROUNDED).unwrap();
+        }
+    }
+    let (files, waypoints, stances) = standing(JOB, Dialect::Abb, false);
+    let mutations = [
+        ("    Stop;\n", "", "asks at"),
+        ("MoveAbsJ [[-185.0000", "MoveAbsJ [[175.0000", "joints"),
+        ("MoveAbsJ [[-185.0000,", "MoveAbsJ [[", "no jointtarget"),
+        ("MoveAbsJ", "MoveJ", "not declared"),
+    ];
+    refuses(&files, &mutations, |files| {
+        check_standing(&run(files, "weldpath_run")?, &waypoints, &stances, false, &ROUNDED)
+    });
 }
 
 #[test]
@@ -78,6 +102,7 @@ fn a_mutated_module_is_refused() {
         (",z0,", ",fine,", "stops"),
         (",z0,", ",z2,", "not declared"),
         ("    ConfL\\Off;\n", "", "configuration"),
+        ("    ConfL\\On;\n", "", "left off"),
         ("welddata weldpath_w1:=[8,", "welddata weldpath_w1:=[80,", "speed"),
         ("PERS welddata", "CONST welddata", "cannot be"),
         (",fine,weldpath_tool", ",z1,weldpath_tool", "arrive"),
@@ -116,7 +141,7 @@ fn weaves_dwells_stitches_and_stops_are_as_planned() {
     let files = texts(&output, &[".mod"]);
     // Speeds are declared in steps of 0.05 mm/s.
     let stepped = Tolerance { speed_mm_s: 0.025 + 1e-9, ..ROUNDED };
-    check(&run(&files, "weldpath_run").unwrap(), waypoints, &stepped).unwrap();
+    check(&run(&files, "weldpath_run").unwrap().steps, waypoints, &stepped).unwrap();
     let weld_data = files[0].1.matches("PERS welddata").count();
     assert!(weld_data < 10, "{weld_data} weld data to be edited by hand");
 }

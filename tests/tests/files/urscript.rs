@@ -3,11 +3,13 @@
 use std::path::Path;
 
 use nalgebra::{Matrix3, Vector3};
+use weldpath::robot::dialect::Dialect;
 use weldpath::run::job::Job;
 use weldpath::run::postprocessing::{Output, postprocess};
 use weldpath::weld::program::{Kind, Waypoint};
 use weldpath_tests::plans;
-use weldpath_tests::urscript::{Event, Move, run};
+use weldpath_tests::robot::{HOME_DEG, STEP_S, Stop, standing, standing_as};
+use weldpath_tests::urscript::{Event, Inputs, Move, Program, Resumed, Robot, run};
 
 const JOB: &str = r#"
 [path]
@@ -39,10 +41,10 @@ fn script(output: &Output) -> String {
 fn check(script: &str, waypoints: &[Waypoint], job: &Job) -> Result<(), String> {
     let events = run(script, true)?;
     let moves: Vec<&Move> = events.iter().filter_map(a_move).collect();
+    switching(&events, waypoints, job)?;
     poses_equal(&moves, waypoints)?;
     blends(&moves, waypoints)?;
     rotation_vectors_continue(&moves)?;
-    switching(&events, waypoints, job)?;
     dwells(&events, waypoints)?;
     tool(&events, job)?;
     let halts = || run(script, false).map(|events| events.last() == Some(&Event::Halt));
@@ -238,13 +240,16 @@ fn a_mutated_script_is_refused() {
     let seam_end = ", r=0.00000000)";
     let blend =
         good.lines().find(|line| line.contains("movep")).and_then(|line| line.rsplit("r=").next()).unwrap();
-    let mutations: [(&str, &str, &str); 14] = [
+    let mutations: [(&str, &str, &str); 17] = [
         ("set_tcp(p[0.00000000", "set_tcp(p[0.00100000", "TCP"),
         ("set_payload(2.5", "set_payload(3.5", "payload"),
         ("set_standard_digital_out(2, True)", "set_standard_digital_out(3, True)", "not ours"),
         ("set_standard_digital_out(2, True)", "", "arc false"),
-        ("set_standard_digital_out(5, True)", "", "without gas"),
-        ("sleep(0.3)\n  set_standard_digital_out(2, False)", "sleep(0.3)", "gas off"),
+        // The thread ends it.
+        ("set_standard_digital_out(5, True)", "", "moves"),
+        ("  set_standard_digital_out(5, True)\n  weldpath_on = 1\n", "", "without gas"),
+        ("  set_standard_digital_out(2, True)\n  weldpath_on = 2\n", "", "arc false"),
+        ("\n  weldpath_on = 0\n  set_standard_digital_out(2, False)", "\n  weldpath_on = 0", "gas off"),
         (seam_end, ", r=0.00040000)", "arrive"),
         (", r=0.0007", ", r=0.0017", "blend"),
         (blend, "0.0)", "stops"),
@@ -252,7 +257,8 @@ fn a_mutated_script_is_refused() {
         ("movel(p[", "movel(p[1", "away"),
         ("v=0.00800000", "v=0.80000000", "speed"),
         ("waited_s = 0.0\n", "", "before it is set"),
-        ("end\n", "", "without end"),
+        ("end\n", "", "no thread"),
+        ("    end\n  end\n  weldpath_on = 3", "    end\n  weldpath_on = 3", "without end"),
     ];
     for (from, to, why) in mutations {
         assert!(good.contains(from), "{from:?} is not in the script");
@@ -263,4 +269,191 @@ fn a_mutated_script_is_refused() {
     }
     let flipped = good.replacen(", -", ", ", 1);
     assert!(check(&flipped, &output.program.waypoints, &job).is_err());
+}
+
+/// A short program: one seam, six of its moves under the arc.
+const SHORT: &str = r#"
+[selection]
+seams = [2]
+[path]
+points = 4
+standoff_mm = 1
+feed_mm_s = 40
+air_feed_mm_s = 250
+[arc]
+output = 2
+gas_output = 5
+gas_preflow_s = 0.2
+strike_s = 0.3
+gas_postflow_s = 0.2
+crater_s = 0.1
+"#;
+const WATCHED: &str = "established_input = 1";
+
+/// Arc output and gas output of [`SHORT`].
+const ARC: u8 = 2;
+const GAS: u8 = 5;
+/// Steps until the power source says that the arc burns.
+const DELAY: u32 = 12;
+/// Steps in which the arc is off again, or the arm along a weld at rest: one.
+const AT_ONCE: u32 = 1;
+
+fn short(watched: bool) -> (String, Vec<Waypoint>) {
+    let job = job(&format!("{SHORT}{}", if watched { WATCHED } else { "" }));
+    let output = output(&job);
+    (script(&output), output.program.waypoints.clone())
+}
+
+/// The script stopped at every step, in every way, under both readings; the first rule that is broken is named.
+fn stops(script: &str, watched: bool) -> Result<(), String> {
+    let program = Program::parse(script)?;
+    let mut robot = Robot::new(&program, Inputs::Source { arc: ARC, delay: DELAY });
+    let (mut step, mut lit, mut welded) = (0_u32, 0_u32, 0_u32);
+    while !robot.ended() {
+        for stop in Stop::ALL {
+            for resumed in Resumed::BOTH {
+                stopped(&robot, stop, resumed, watched)
+                    .map_err(|why| format!("at step {step}, {stop:?}, {resumed:?}: {why}"))?;
+            }
+        }
+        robot.step()?;
+        step += 1;
+        lit = if robot.out(ARC) { lit + 1 } else { 0 };
+        let struck = f64::from(lit) * STEP_S >= if watched { f64::from(DELAY) * STEP_S } else { 0.3 };
+        require(!robot.welded() || struck, || format!("step {step}: welds {lit} steps after the strike"))?;
+        welded += u32::from(robot.welded());
+    }
+    require(welded > 50, || format!("the weld ends after {welded} steps"))?;
+    require(!robot.out(ARC) && !robot.out(GAS), || "left on".into())
+}
+
+/// One stop: off at once, and, if it goes on, neither the arc nor the torch along the weld for longer than a step.
+fn stopped(robot: &Robot, stop: Stop, resumed: Resumed, watched: bool) -> Result<(), String> {
+    let mut robot = robot.copy();
+    let (gas, struck) = (robot.out(GAS), robot.out(ARC));
+    let established = robot.value_of("weldpath_on") == Some(3.0);
+    robot.stop(stop, resumed);
+    for _ in 0..5 {
+        require(!robot.out(ARC) && !robot.out(GAS), || "the arc is on".into())?;
+        robot.step()?;
+    }
+    if robot.ended() {
+        return Ok(());
+    }
+    robot.resume();
+    // Undetectable where the output comes back by itself: the person who lets the program go on is told so in its head.
+    let unseen = resumed == Resumed::ComesBack && (!watched || !established);
+    let (mut on, mut dry, mut along, mut steps) = (0, 0, 0, 0);
+    while !robot.ended() && steps < 400 {
+        steps += 1;
+        robot.step()?;
+        on += u32::from(robot.out(ARC));
+        along += u32::from(robot.welded());
+        dry += u32::from(robot.welded() && !robot.out(ARC));
+        let again = struck && on > AT_ONCE && !unseen;
+        require(!again, || "the arc is on again".into())?;
+        require(dry <= AT_ONCE, || "along the weld without an arc".into())?;
+        let gasless = gas && robot.out(ARC) && !robot.out(GAS);
+        require(!gasless, || "the arc without gas".into())?;
+    }
+    require(!struck || unseen || along <= AT_ONCE, || format!("goes on along the weld for {along} steps"))
+}
+
+#[test]
+fn a_stop_at_any_time_puts_the_arc_out_for_good() {
+    for watched in [true, false] {
+        let (script, _) = short(watched);
+        stops(&script, watched).unwrap();
+        let hole = "an output that comes back when a paused program";
+        assert_eq!(script.contains(hole), !watched, "what is not seen is said");
+        assert_eq!(script.contains("Loss of the arc is not seen"), !watched);
+        assert!(script.contains("Not a safety function"));
+    }
+}
+
+#[test]
+fn an_arc_that_goes_out_ends_the_program_at_once() {
+    let (script, _) = short(true);
+    let program = Program::parse(&script).unwrap();
+    let mut robot = Robot::new(&program, Inputs::Source { arc: ARC, delay: DELAY });
+    let mut losses = 0;
+    while !robot.ended() {
+        robot.step().unwrap();
+        if robot.welded() {
+            let mut lost = robot.copy();
+            lost.lose_arc();
+            lost.step().unwrap();
+            assert!(lost.ended() && !lost.out(ARC) && !lost.out(GAS));
+            losses += 1;
+        }
+    }
+    assert!(losses > 50);
+}
+
+#[test]
+fn a_script_that_is_unsafe_when_it_stops_is_refused() {
+    let strike = "  set_standard_digital_out(2, True)\n  weldpath_on = 2\n";
+    let waits = format!("{strike}  sleep(0.3)\n");
+    let action = "set_runstate_standard_digital_output_to_value(2, 1)";
+    let third = action.replace(", 1)", ", 3)");
+    let fourth = action.replace(", 1)", ", 4)");
+    let mutations = [
+        (action, "", "the arc is on"),
+        (action, third.as_str(), ""),
+        (action, fourth.as_str(), "the arc is on"),
+        ("set_runstate_standard_digital_output_to_value(5, 1)", "", "the arc is on"),
+        ("  weldpath_watcher = run weldpath_watch()\n", "", "without"),
+        ("(weldpath_on >= 1)", "(weldpath_on >= 4)", "the arc without gas"),
+        (waits.as_str(), strike, "after the strike"),
+        ("    sync()\n", "", "does not end"),
+        ("  global weldpath_on = 0\n", "", "is not global"),
+    ];
+    let (good, _) = short(false);
+    for (from, to, why) in mutations {
+        assert!(good.contains(from), "{from:?} is not in the script");
+        let refusal = stops(&good.replacen(from, to, 1), false);
+        assert!(refusal.as_ref().is_err_and(|refusal| refusal.contains(why)), "{from:?}: {refusal:?}");
+    }
+    let (watched, _) = short(true);
+    let from = watched.find("  waited_s = 0.0").unwrap();
+    let to = watched.find("  weldpath_on = 3").unwrap();
+    let unwaited = format!("{}{}", &watched[..from], &watched[to..]);
+    let refusal = stops(&unwaited, true).unwrap_err();
+    assert!(refusal.contains("after the strike"), "{refusal}");
+}
+
+#[test]
+fn the_first_point_is_reached_by_joints() {
+    for home in [false, true] {
+        let (files, waypoints, stances) = standing(SHORT, Dialect::Ur, home);
+        let events = run(&files[0].1, true).unwrap();
+        let joints: Vec<[f64; 6]> = events
+            .iter()
+            .filter_map(|e| if let Event::Joints(rad) = e { Some(rad.map(f64::to_degrees)) } else { None })
+            .collect();
+        let first = stances[0].joints_deg;
+        let wanted = if home { vec![HOME_DEG, first, HOME_DEG] } else { vec![first] };
+        assert_eq!(joints.len(), wanted.len());
+        let off = |(a, b): (&[f64; 6], &[f64; 6])| (0..6).map(|i| (a[i] - b[i]).abs()).fold(0.0, f64::max);
+        assert!(joints.iter().zip(&wanted).map(off).fold(0.0, f64::max) < 1e-6, "{joints:?}");
+        let asked = events.iter().position(|e| *e == Event::Asked);
+        let moved = events.iter().position(|e| matches!(e, Event::Joints(_))).unwrap();
+        assert_eq!(asked.is_some_and(|asked| asked < moved), !home, "asks where there is no home");
+        let moves: Vec<&Move> = events.iter().filter_map(a_move).collect();
+        poses_equal(&moves, &waypoints[1..]).unwrap_or_else(|why| panic!("{why}"));
+        assert!(moves.iter().all(|one| one.command != "movej"));
+        assert_eq!(matches!(events.last(), Some(Event::Joints(_))), home);
+        stops(&files[0].1, false).unwrap();
+    }
+}
+
+#[test]
+fn joints_of_another_counting_are_not_written() {
+    for (counted_by, own) in [(Dialect::Ur, true), (Dialect::Abb, false)] {
+        let (files, ..) = standing_as(SHORT, Dialect::Ur, Some(counted_by), true);
+        let unknown = files[0].1.contains("The posture is the controller's choice: not checked.");
+        assert_eq!((files[0].1.contains("movej(["), unknown), (own, !own));
+    }
+    let (files, ..) = standing_as(SHORT, Dialect::Ur, None, true);
+    assert!(files[0].1.contains("movej(["), "an arm of the job's own");
 }

@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 
 use self::moves::TooLong;
 use super::arc::WeldingArc;
-use super::posture::{Maker, PlannedPosture};
+use super::posture::{Maker, PlannedPosture, ProgramEnd, Stance};
 use super::tool::Tool;
 use weldpath_files::File;
 use weldpath_method::weld::program::Waypoint;
@@ -117,12 +117,12 @@ pub struct ProgramSetup {
 }
 
 impl ProgramSetup {
-    /// The remarks in plain ASCII and in pieces of at most `most` characters, so that none can end its comment: names of
-    /// files stand in them.
-    fn remark_lines(&self, most: usize) -> Vec<String> {
+    /// What the head of every program says: the remarks of the plan, then `own`, those of the dialect. In plain ASCII
+    /// and in pieces of at most `most` characters, so that none can end its comment: names of files stand in them.
+    fn head(&self, own: &[String], most: usize) -> Vec<String> {
         let plain = |c: char| if c == ' ' || c.is_ascii_graphic() { c } else { '?' };
         let mut lines: Vec<String> = Vec::new();
-        for remark in &self.remarks {
+        for remark in self.remarks.iter().chain(own) {
             let text: String = remark.chars().map(plain).collect();
             let mut line = String::new();
             for word in text.split(' ').filter(|word| !word.is_empty()) {
@@ -137,6 +137,69 @@ impl ProgramSetup {
             lines.push(line);
         }
         lines
+    }
+
+    /// The joints along the program, if they are counted as `dialect` counts them and there is one stance for each
+    /// of `waypoints`.
+    fn joints(&self, dialect: Dialect, waypoints: usize) -> Option<Joints<'_>> {
+        let posture = self.posture.as_ref()?;
+        let own = posture.counted_by.is_none_or(|maker| dialect.maker() == Some(maker));
+        let first = posture.stances.first().filter(|_| own && posture.stances.len() == waypoints)?;
+        let home_deg = posture.home_deg;
+        Some(Joints {
+            stances: &posture.stances,
+            first_deg: first.joints_deg,
+            home_deg,
+            end_deg: home_deg.filter(|_| posture.end == ProgramEnd::Home),
+        })
+    }
+
+    /// What the head says of the arc where the program itself switches it.
+    fn arc_remark(&self) -> &'static str {
+        match self.arc.established_input {
+            Some(_) => "Loss of the arc is seen by the input of the established arc, and ends the program.",
+            None => "Loss of the arc is not seen: the job has no established_input.",
+        }
+    }
+}
+
+/// In every head: what a program can never be.
+const NO_SAFETY_FUNCTION: &str =
+    "Not a safety function: the emergency stop must cut the power source by its own circuit.";
+
+/// What a person reads before the arm moves on a way that nobody checked.
+const UNCHECKED_MOVE: &str = "The next move, by joints, is not checked.";
+
+/// Joints at which a program begins and ends, degrees, as the controller counts them.
+struct Joints<'a> {
+    /// At each waypoint.
+    stances: &'a [Stance],
+    /// At the first waypoint.
+    first_deg: [f64; 6],
+    /// Before it, if there is a home.
+    home_deg: Option<[f64; 6]>,
+    /// After the last waypoint, if the arm goes home.
+    end_deg: Option<[f64; 6]>,
+}
+
+impl Joints<'_> {
+    /// What the head says of the posture, the first move and the end.
+    fn remarks(joints: Option<&Self>) -> Vec<String> {
+        let Some(joints) = joints else {
+            return vec![
+                "The posture is the controller's choice: not checked.".into(),
+                "At the end the arm stays at the last point.".into(),
+            ];
+        };
+        let begins = match joints.home_deg {
+            Some(_) => "Begins with a joint move home. The way there is not checked: start near home.",
+            None => "The first move, by joints, is not checked: the program asks before it moves.",
+        };
+        let ends = match joints.end_deg {
+            Some(_) => "At the end the arm goes home, by joints.",
+            None => "At the end the arm stays at the last point.",
+        };
+        vec![begins.into(), ends.into()]
     }
 }
 

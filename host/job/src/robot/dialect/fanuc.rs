@@ -3,15 +3,18 @@
 //! The dialect's rules: millimetres; W, P, R in degrees about the fixed x, y and z; speeds in whole mm/sec or, where
 //! the feed is not whole, in whole cm/min; a blend is a share of the deceleration (`CNT0` to `CNT100`) and `FINE` arrives;
 //! numbered lines and positions; program names of at most 36 characters (8 before R-30iA), remarks of 32, a comment of 16.
+//! CONFIG of a point: wrist, elbow, front, and the turns of joints 1, 4 and 6. Wrist and turns by the rule of a public
+//! post-processor (robodk_postprocessors, Fanuc_R30iA); elbow and front by the stance, not verified.
 
 use std::fmt::Write;
+use std::ops::Range;
 
 use nalgebra::UnitQuaternion;
 
 use super::moves::{
     Move, Switch, TooLong, decimal, euler_zyx_deg, moves, parts, rotation_vector_to_euler_zyx_deg,
 };
-use super::{ProgramSetup, part_name};
+use super::{Dialect, Joints, NO_SAFETY_FUNCTION, ProgramSetup, Stance, part_name};
 use weldpath_files::File;
 use weldpath_method::weld::program::Waypoint;
 
@@ -25,22 +28,28 @@ const REMARK: usize = 32;
 /// User frame of every position: the robot's world frame.
 const FRAME: u32 = 0;
 
+/// Where no stance is known: wrist not flipped, elbow up, in front, no turns.
+const UNKNOWN: &str = "N U T, 0, 0, 0";
+
 /// One program, or a main program and its parts.
 pub fn write(waypoints: &[Waypoint], setup: &ProgramSetup) -> Result<Vec<File>, TooLong> {
     let moves = moves(waypoints);
     let parts = parts(&moves, MOST_MOVES, "FANUC TP")?;
     let name = &setup.name;
-    let mut opening = opening(setup);
+    let joints = setup.joints(Dialect::Fanuc, waypoints.len());
+    let mut opening = opening(setup, joints.as_ref());
+    let part = |run| Part { setup, moves: &moves, joints: joints.as_ref(), run };
     if let [] | [_] = parts.as_slice() {
-        opening.extend(motions(setup, &moves, true));
-        return Ok(vec![program(name, &opening, &positions(setup, &moves))]);
+        let whole = part(0..moves.len());
+        opening.extend(whole.motions());
+        return Ok(vec![program(name, &opening, &whole.positions())]);
     }
     let names: Vec<String> = (0..parts.len()).map(|i| part_name(name, i)).collect();
     opening.extend(names.iter().map(|part| format!("  CALL {}", part.to_uppercase())));
     let mut files = vec![program(name, &opening, "")];
-    for (i, (part, run)) in names.iter().zip(&parts).enumerate() {
-        let run = moves.get(run.clone()).unwrap_or_default();
-        files.push(program(part, &motions(setup, run, i == 0), &positions(setup, run)));
+    for (name, run) in names.iter().zip(&parts) {
+        let part = part(run.clone());
+        files.push(program(name, &part.motions(), &part.positions()));
     }
     Ok(files)
 }
@@ -50,7 +59,8 @@ fn program(name: &str, lines: &[String], positions: &str) -> File {
         "/PROG  {}\n/ATTR\nOWNER\t\t= MNEDITOR;\nCOMMENT\t\t= \"weldpath\";\nPROTECT\t\t= READ_WRITE;\n\
          TCD:  STACK_SIZE\t= 0,\n      TASK_PRIORITY\t= 50,\n      TIME_SLICE\t= 0,\n\
          \x20     BUSY_LAMP_OFF\t= 0,\n      ABORT_REQUEST\t= 0,\n      PAUSE_REQUEST\t= 0;\n\
-         DEFAULT_GROUP\t= 1,*,*,*,*;\nCONTROL_CODE\t= 00000000 00000000;\n/MN\n",
+         DEFAULT_GROUP\t= 1,*,*,*,*;\nCONTROL_CODE\t= 00000000 00000000;\n\
+         /APPL\n  ARC Welding Equipment : 1,*,*,*,*;\n/MN\n",
         name.to_uppercase()
     );
     for (i, line) in lines.iter().enumerate() {
@@ -61,10 +71,16 @@ fn program(name: &str, lines: &[String], positions: &str) -> File {
 }
 
 /// What stands before the first move. The tool is set on the pendant: a listing cannot hold it.
-fn opening(setup: &ProgramSetup) -> Vec<String> {
+fn opening(setup: &ProgramSetup, joints: Option<&Joints>) -> Vec<String> {
     let mut lines = vec!["  !weldpath, never run on a robot".to_owned()];
     lines.push(format!("  !Edit Arc Start[{}] and CONFIG", setup.weld_schedule));
-    lines.extend(setup.remark_lines(REMARK).into_iter().map(|remark| format!("  !{remark}")));
+    let mut own = vec![NO_SAFETY_FUNCTION.into()];
+    own.push("Check on the controller: Arc enable, weld restart (Resume). Not verified.".into());
+    own.extend(Joints::remarks(joints));
+    if joints.is_some() {
+        own.push("CONFIG: U/D and T/B are not verified.".into());
+    }
+    lines.extend(setup.head(&own, REMARK).into_iter().map(|remark| format!("  !{remark}")));
     if let Some(tool) = &setup.tool {
         let [x, y, z] = tool.flange_from_tcp_mm.map(decimal::<1>);
         let [r, p, w] = rotation_vector_to_euler_zyx_deg(tool.flange_from_tcp_rotation_rad).map(decimal::<2>);
@@ -78,26 +94,93 @@ fn opening(setup: &ProgramSetup) -> Vec<String> {
     lines
 }
 
-fn motions(setup: &ProgramSetup, moves: &[Move], opens: bool) -> Vec<String> {
-    let mut lines = vec![];
-    for (i, a_move) in moves.iter().enumerate() {
-        let point = i + 1;
-        if opens && i == 0 {
-            lines.push(format!("J P[{point}] 10% FINE"));
-        } else {
-            lines.push(format!("L P[{point}] {} {}", speed(a_move.feed_mm_s), termination(a_move)));
-        }
-        if a_move.then == Some(Switch::On) {
-            lines.push(format!("  Arc Start[{}]", setup.weld_schedule));
-        }
-        if let Some(wait_s) = a_move.wait_s() {
-            lines.push(format!("  WAIT {}(sec)", decimal::<2>(wait_s)));
-        }
-        if a_move.then == Some(Switch::Off) {
-            lines.push(format!("  Arc End[{}]", setup.weld_schedule));
-        }
+/// The moves of one program; its positions are numbered from 1, home stands after the points.
+struct Part<'a> {
+    setup: &'a ProgramSetup,
+    /// Of all parts.
+    moves: &'a [Move],
+    joints: Option<&'a Joints<'a>>,
+    /// Which of them are in this part.
+    run: Range<usize>,
+}
+
+impl Part<'_> {
+    fn moves(&self) -> &[Move] {
+        self.moves.get(self.run.clone()).unwrap_or_default()
     }
-    lines
+
+    /// Home before the first point, if this is the first part and there is a home.
+    fn begins_deg(&self) -> Option<[f64; 6]> {
+        self.joints.filter(|_| self.run.start == 0)?.home_deg
+    }
+
+    fn ends_deg(&self) -> Option<[f64; 6]> {
+        self.joints.filter(|_| self.run.end == self.moves.len())?.end_deg
+    }
+
+    fn motions(&self) -> Vec<String> {
+        let mut lines = vec![];
+        let home = format!("J P[{}] 10% FINE", self.run.len() + 1);
+        if self.begins_deg().is_some() {
+            lines.push(home.clone());
+        } else if self.joints.is_some() && self.run.start == 0 {
+            lines.extend(["  MESSAGE[NEXT MOVE NOT CHECKED]".to_owned(), "  PAUSE".to_owned()]);
+        }
+        for (i, a_move) in self.moves().iter().enumerate() {
+            let point = i + 1;
+            if self.run.start + i == 0 {
+                lines.push(format!("J P[{point}] 10% FINE"));
+            } else {
+                lines.push(format!("L P[{point}] {} {}", speed(a_move.feed_mm_s), termination(a_move)));
+            }
+            if a_move.then == Some(Switch::On) {
+                lines.push(format!("  Arc Start[{}]", self.setup.weld_schedule));
+            }
+            if let Some(wait_s) = a_move.wait_s() {
+                lines.push(format!("  WAIT {}(sec)", decimal::<2>(wait_s)));
+            }
+            if a_move.then == Some(Switch::Off) {
+                lines.push(format!("  Arc End[{}]", self.setup.weld_schedule));
+            }
+        }
+        if self.ends_deg().is_some() {
+            lines.push(home);
+        }
+        lines
+    }
+
+    fn positions(&self) -> String {
+        let tool = self.setup.tool_number;
+        let mut text = String::new();
+        for (i, a_move) in self.moves().iter().enumerate() {
+            let (point, index) = (i + 1, self.run.start + i);
+            let stance = self.joints.and_then(|joints| joints.stances.get(index));
+            text.push_str(&match stance.filter(|_| index == 0) {
+                Some(stance) => joint_position(point, tool, stance.joints_deg),
+                None => position(point, tool, &stance.map_or(UNKNOWN.to_owned(), config), a_move),
+            });
+        }
+        if let Some(home_deg) = self.begins_deg().or(self.ends_deg()) {
+            text.push_str(&joint_position(self.run.len() + 1, tool, home_deg));
+        }
+        text
+    }
+}
+
+/// `F` or `N`, `U` or `D`, `T` or `B`, and the turns.
+fn config(stance: &Stance) -> String {
+    let [j1, _, _, j4, j5, j6] = stance.joints_deg;
+    let wrist = if j5 >= 0.0 { 'F' } else { 'N' };
+    let elbow = if stance.elbow_up { 'U' } else { 'D' };
+    let facing = if stance.front { 'T' } else { 'B' };
+    let [j1, j4, j6] = [j1, j4, j6].map(turns);
+    format!("{wrist} {elbow} {facing}, {j1}, {j4}, {j6}")
+}
+
+/// Whole turns of a joint: 0 between -180 and 180 degrees, neither included.
+fn turns(joint_deg: f64) -> i32 {
+    let turns = ((joint_deg.abs() + 180.0) / 360.0).floor() as i32;
+    if joint_deg < 0.0 { -turns } else { turns }
 }
 
 /// Speeds of a linear move are whole numbers: cm/min is the finer of the units.
@@ -118,21 +201,22 @@ fn termination(a_move: &Move) -> String {
     format!("CNT{}", (100.0 * a_move.blend_mm / full_mm).floor().clamp(0.0, 100.0))
 }
 
-fn positions(setup: &ProgramSetup, moves: &[Move]) -> String {
-    let mut text = String::new();
-    for (i, a_move) in moves.iter().enumerate() {
-        text.push_str(&position(i + 1, setup.tool_number, a_move));
-    }
-    text
-}
-
-fn position(point: usize, tool: u32, a_move: &Move) -> String {
+fn position(point: usize, tool: u32, config: &str, a_move: &Move) -> String {
     let [x, y, z] = <[f64; 3]>::from(a_move.position_mm.coords).map(decimal::<3>);
     let [w, p, r] = wpr_deg(&a_move.base_from_tool).map(decimal::<4>);
     format!(
-        "P[{point}]{{\n   GP1:\n\tUF : {FRAME}, UT : {tool},\t\tCONFIG : 'N U T, 0, 0, 0',\n\
+        "P[{point}]{{\n   GP1:\n\tUF : {FRAME}, UT : {tool},\t\tCONFIG : '{config}',\n\
          \tX = {x:>9}  mm,\tY = {y:>9}  mm,\tZ = {z:>9}  mm,\n\
          \tW = {w:>9} deg,\tP = {p:>9} deg,\tR = {r:>9} deg\n}};\n"
+    )
+}
+
+fn joint_position(point: usize, tool: u32, joints_deg: [f64; 6]) -> String {
+    let [j1, j2, j3, j4, j5, j6] = joints_deg.map(decimal::<4>);
+    format!(
+        "P[{point}]{{\n   GP1:\n\tUF : {FRAME}, UT : {tool},\n\
+         \tJ1 = {j1:>9} deg,\tJ2 = {j2:>9} deg,\tJ3 = {j3:>9} deg,\n\
+         \tJ4 = {j4:>9} deg,\tJ5 = {j5:>9} deg,\tJ6 = {j6:>9} deg\n}};\n"
     )
 }
 
@@ -140,4 +224,44 @@ fn position(point: usize, tool: u32, a_move: &Move) -> String {
 fn wpr_deg(q: &UnitQuaternion<f64>) -> [f64; 3] {
     let [r, p, w] = euler_zyx_deg(q);
     [w, p, r]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The rule of robodk_postprocessors' Fanuc_R30iA, told anew: whole turns are taken off, toward zero, until the
+    /// joint is between -180 and 180 degrees, neither included; the wrist is `F` from J5 = 0 up.
+    fn public_rule(joints_deg: [f64; 6]) -> String {
+        let turns = |mut deg: f64| {
+            let mut turns = 0;
+            while deg >= 180.0 {
+                (deg, turns) = (deg - 360.0, turns + 1);
+            }
+            while deg <= -180.0 {
+                (deg, turns) = (deg + 360.0, turns - 1);
+            }
+            turns
+        };
+        let wrist = if joints_deg[4].is_sign_negative() { 'N' } else { 'F' };
+        format!("{wrist}, {}, {}, {}", turns(joints_deg[0]), turns(joints_deg[3]), turns(joints_deg[5]))
+    }
+
+    #[test]
+    fn wrist_and_turns_follow_the_public_rule() {
+        let mut state = 1_u64;
+        let mut degrees = || {
+            // Knuth's multiplier: any joints within two turns and a half.
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            ((state >> 33) as f64 / f64::from(1_u32 << 31) - 0.5) * 1800.0
+        };
+        let edges = [-540.0, -180.0, -179.999, 179.999, 180.0, 539.999].map(|deg| [deg; 6]);
+        let any = (0..1000).map(|_| std::array::from_fn(|_| degrees())).collect::<Vec<[f64; 6]>>();
+        for joints_deg in edges.into_iter().chain(any) {
+            let stance = Stance { joints_deg, front: true, elbow_up: true };
+            assert_eq!(config(&stance).replace(" U T", ""), public_rule(joints_deg), "{joints_deg:?}");
+            let behind = Stance { front: false, elbow_up: false, ..stance };
+            assert_eq!(config(&behind).replace(" D B", ""), public_rule(joints_deg));
+        }
+    }
 }

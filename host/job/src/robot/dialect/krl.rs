@@ -1,9 +1,13 @@
-//! `NAME.src` and `NAME.dat`: the program in KRL, for KUKA controllers.
+//! `NAME.src`, `NAME.dat` and `NAME_sps.txt`: the program in KRL, for KUKA controllers.
 //!
 //! The dialect's rules: millimetres; A, B, C in degrees about z, the turned y, the twice turned x; `$VEL.CP` in m/s;
 //! linear moves to FRAMEs, which need no status and turn; corners are cut by `C_DIS` with `$APO.CDIS` below half a
-//! segment, and a move without it arrives; names have at most 24 characters. The arc is switched by two routines at
-//! the end of the main module, by digital outputs: the place to put ARCON and ARCOFF of ArcTech instead.
+//! segment, and a move without it arrives; names have at most 24 characters.
+//!
+//! Outputs keep their state when a program stops. So the program switches flags, and lines for the submit interpreter
+//! join them with the state of the program: a stop puts arc and gas out for good, and an interrupt ends the program when
+//! it goes on. The flags are switched by two routines at the end of the main module: the place to put ARCON and ARCOFF
+//! of ArcTech instead.
 
 use std::fmt::Write;
 
@@ -12,7 +16,7 @@ use nalgebra::UnitQuaternion;
 use super::moves::{
     Move, Switch, TooLong, decimal, euler_zyx_deg, moves, parts, rotation_vector_to_euler_zyx_deg,
 };
-use super::{ProgramSetup, part_name};
+use super::{Dialect, Joints, NO_SAFETY_FUNCTION, ProgramSetup, UNCHECKED_MOVE, part_name};
 use crate::robot::arc::WeldingArc;
 use crate::robot::tool::Tool;
 use weldpath_files::File;
@@ -20,24 +24,49 @@ use weldpath_method::weld::program::Waypoint;
 
 /// Most points of one module. KUKA publishes no limit; pendants' editors become slow beyond a few thousand lines.
 const MOST_MOVES: usize = 1500;
-/// Speed of the first, joint move: unknown ground.
+/// Time in which the submit interpreter has switched an output, s. Assumed: some of its cycles of 12 ms.
+const SUBMIT_S: f64 = 0.1;
+/// Speed of the joint moves: unknown ground.
 const FIRST_PERCENT: u32 = 10;
 
-/// One module, or a main module and its parts.
+/// Longest line of a remark: a screen of the pendant.
+const REMARK: usize = 100;
+/// The interrupt that ends a broken weld. KUKA's own programs use 3.
+const INTERRUPT: u32 = 20;
+
+/// Flags that program and submit interpreter share. Any five that the cell does not use.
+mod flag {
+    /// The program wants the arc.
+    pub(super) const ARC: u32 = 901;
+    /// The program wants gas.
+    pub(super) const GAS: u32 = 902;
+    /// A weld has begun, and what it began with has to stay on.
+    pub(super) const WELD: u32 = 903;
+    /// The input of the established arc has to stay on.
+    pub(super) const ESTABLISHED: u32 = 904;
+    /// The weld is broken; it flickers, so that the interrupt sees an edge after any stop.
+    pub(super) const BROKEN: u32 = 905;
+}
+
+/// One module, or a main module and its parts; the lines for the submit interpreter.
 pub fn write(waypoints: &[Waypoint], setup: &ProgramSetup) -> Result<Vec<File>, TooLong> {
     let moves = moves(waypoints);
     let parts = parts(&moves, MOST_MOVES, "KRL")?;
     let name = &setup.name;
+    let joints = setup.joints(Dialect::Kuka, waypoints.len());
+    let submit = File::new(format!("{name}_sps.txt"), submit(setup));
     if let [] | [_] = parts.as_slice() {
-        return Ok(vec![source(name, &main(setup, &motions(name, &moves, true))), data(name, &moves)]);
+        let body = motions(name, &moves, 0, joints.as_ref());
+        return Ok(vec![source(name, &main(setup, joints.as_ref(), &body)), data(name, &moves), submit]);
     }
     let names: Vec<String> = (0..parts.len()).map(|i| part_name(name, i)).collect();
     let calls: String = names.iter().map(|part| format!("{part}()\n")).collect();
-    let mut files = vec![source(name, &main(setup, &calls)), data(name, &[])];
-    for (i, (part, run)) in names.iter().zip(&parts).enumerate() {
-        let run = moves.get(run.clone()).unwrap_or_default();
-        files.push(source(part, &format!("DEF {part}()\n{}END\n", motions(name, run, i == 0))));
-        files.push(data(part, run));
+    let mut files = vec![source(name, &main(setup, joints.as_ref(), &calls)), data(name, &[]), submit];
+    for (part, run) in names.iter().zip(&parts) {
+        let moves = moves.get(run.clone()).unwrap_or_default();
+        let body = motions(name, moves, run.start, joints.as_ref());
+        files.push(source(part, &format!("DEF {part}()\n{body}END\n")));
+        files.push(data(part, moves));
     }
     Ok(files)
 }
@@ -64,8 +93,9 @@ fn data(name: &str, moves: &[Move]) -> File {
     File::new(format!("{name}.dat"), text + "ENDDAT\n")
 }
 
-fn main(setup: &ProgramSetup, body: &str) -> String {
+fn main(setup: &ProgramSetup, joints: Option<&Joints>, body: &str) -> String {
     let name = &setup.name;
+    let home = joints.and_then(|joints| joints.end_deg).map(by_joints).unwrap_or_default();
     format!(
         "DEF {name}()\n\
          ; Written by weldpath. Never run on a controller: try it in KUKA.Sim or T1 first.\n\
@@ -77,26 +107,104 @@ fn main(setup: &ProgramSetup, body: &str) -> String {
          BAS(#INITMOV,0)\n\
          ;ENDFOLD (INI)\n\
          {}\
+         INTERRUPT DECL {INTERRUPT} WHEN $FLAG[{}]==TRUE DO {name}_lost()\n\
+         INTERRUPT ON {INTERRUPT}\n\
+         {}\
          ; The scan's base frame is the robot's root.\n\
          $BASE=$ROBROOT\n\
          $IPO_MODE=#BASE\n\
          $ORI_TYPE=#VAR\n\
          BAS(#VEL_PTP,{FIRST_PERCENT})\n\
-         {name}_arc_off()\n\
          PTP $AXIS_ACT\n\
          {body}\
+         {home}\
          END\n\
-         {}{}",
-        remarks(setup),
+         {}{}{}",
+        remarks(setup, joints),
+        flags_off(),
+        flag::BROKEN,
         tool(setup),
         arc_on(name, &setup.arc),
-        arc_off(name, &setup.arc)
+        arc_off(name, &setup.arc),
+        lost(name)
     )
 }
 
-/// Remarks in the head, of lines that the pendant shows whole.
-fn remarks(setup: &ProgramSetup) -> String {
-    setup.remark_lines(76).iter().map(|remark| format!("; {remark}\n")).collect()
+fn remarks(setup: &ProgramSetup, joints: Option<&Joints>) -> String {
+    let name = &setup.name;
+    let mut own = vec![
+        NO_SAFETY_FUNCTION.into(),
+        format!(
+            "Needs the lines of {name}_sps.txt in the submit interpreter: they switch arc and gas by flags {} to {}.",
+            flag::ARC,
+            flag::BROKEN
+        ),
+        "A stop puts arc and gas out; one amid a weld ends the program when it goes on. Not verified.".into(),
+        setup.arc_remark().into(),
+    ];
+    own.extend(Joints::remarks(joints));
+    comments(&setup.head(&own, REMARK))
+}
+
+fn comments(lines: &[String]) -> String {
+    lines.iter().map(|line| format!("; {line}\n")).collect()
+}
+
+/// Lines for the loop of SPS.SUB. Once a stop has taken the flags back only the program sets them again.
+fn submit(setup: &ProgramSetup) -> String {
+    let (name, arc) = (&setup.name, &setup.arc);
+    let (gas, established) = (arc.gas_output.map(number), arc.established_input.map(number));
+    let mut text = comments(&[
+        format!("Written by weldpath, for {name}. Never run on a controller."),
+        "Put these lines into the endless loop of SPS.SUB (KRC:\\R1\\System), fold USER PLC, once for all"
+            .into(),
+        "programs of weldpath with the same [arc]. Edit the flags if the cell uses them.".into(),
+        NO_SAFETY_FUNCTION.into(),
+        "Second hand, not verified: $PRO_ACT is TRUE while a program runs, $ALARM_STOP is TRUE while there"
+            .into(),
+        "is no emergency stop, outputs keep their state at a stop. Were $ALARM_STOP the other way round,"
+            .into(),
+        "there would be no arc at all.".into(),
+    ]);
+    let out = format!("$FLAG[{}]=FALSE\n$FLAG[{}]=FALSE\n", flag::ARC, flag::GAS);
+    text.push_str(&format!("IF NOT $PRO_ACT OR NOT $ALARM_STOP OR $STOPMESS THEN\n{out}ENDIF\n"));
+    let begun = if gas.is_some() { flag::GAS } else { flag::ARC };
+    let mut broken = format!("($FLAG[{}] AND NOT $FLAG[{begun}])", flag::WELD);
+    if let Some(input) = established {
+        broken.push_str(&format!(" OR ($FLAG[{}] AND NOT $IN[{input}])", flag::ESTABLISHED));
+    }
+    text.push_str(&format!(
+        "IF {broken} THEN\n{out}$FLAG[{0}]=$PRO_ACT AND NOT $FLAG[{0}]\nELSE\n$FLAG[{0}]=FALSE\nENDIF\n",
+        flag::BROKEN
+    ));
+    text.push_str(&format!("$OUT[{}]=$FLAG[{}]\n", number(arc.output), flag::ARC));
+    if let Some(gas) = gas {
+        text.push_str(&format!("$OUT[{gas}]=$FLAG[{}]\n", flag::GAS));
+    }
+    text
+}
+
+fn flags_off() -> String {
+    [flag::WELD, flag::ESTABLISHED, flag::ARC, flag::GAS]
+        .map(|flag| format!("$FLAG[{flag}]=FALSE\n"))
+        .concat()
+}
+
+/// Everything off, for good: pressing start again does not weld on.
+fn give_up() -> String {
+    flags_off() + "LOOP\nHALT\nENDLOOP\n"
+}
+
+/// The interrupt's routine: it never goes back to the weld.
+fn lost(name: &str) -> String {
+    format!(
+        "GLOBAL DEF {name}_lost()\n\
+         ; The program was stopped amid a weld, or the arc went out. Look at the seam, then run another program.\n\
+         BRAKE F\n\
+         {}\
+         END\n",
+        give_up()
+    )
 }
 
 fn tool(setup: &ProgramSetup) -> String {
@@ -117,9 +225,15 @@ fn tool(setup: &ProgramSetup) -> String {
     )
 }
 
-/// Speeds and blend radii are set where they change.
-fn motions(name: &str, moves: &[Move], opens: bool) -> String {
+/// Speeds and blend radii are set where they change. `from` is the place of the first move in the whole program.
+fn motions(name: &str, moves: &[Move], from: usize, joints: Option<&Joints>) -> String {
     let (mut text, mut speed, mut blend) = (String::new(), String::new(), String::new());
+    if let Some(joints) = joints.filter(|_| from == 0) {
+        text.push_str(&match joints.home_deg {
+            Some(home_deg) => by_joints(home_deg),
+            None => format!("; {UNCHECKED_MOVE} Start moves the arm.\nHALT\n"),
+        });
+    }
     for (i, a_move) in moves.iter().enumerate() {
         let now = decimal::<6>(a_move.feed_mm_s / 1e3);
         if now != speed {
@@ -132,8 +246,15 @@ fn motions(name: &str, moves: &[Move], opens: bool) -> String {
             text.push_str(&format!("$APO.CDIS={radius}\n"));
             blend = radius;
         }
-        let command = if opens && i == 0 { "PTP" } else { "LIN" };
-        let _ = writeln!(text, "{command} XP{}{}", i + 1, if blended { " C_DIS" } else { "" });
+        let first = from + i == 0;
+        match joints.filter(|_| first) {
+            Some(joints) => text.push_str(&by_joints(joints.first_deg)),
+            None => {
+                let command = if first { "PTP" } else { "LIN" };
+                // Writing to a String cannot fail.
+                let _ = writeln!(text, "{command} XP{}{}", i + 1, if blended { " C_DIS" } else { "" });
+            }
+        }
         if a_move.then == Some(Switch::On) {
             text.push_str(&format!("{name}_arc_on()\n"));
         }
@@ -145,57 +266,69 @@ fn motions(name: &str, moves: &[Move], opens: bool) -> String {
     text
 }
 
+fn by_joints(joints_deg: [f64; 6]) -> String {
+    let [a1, a2, a3, a4, a5, a6] = joints_deg.map(decimal::<4>);
+    format!("PTP {{A1 {a1},A2 {a2},A3 {a3},A4 {a4},A5 {a5},A6 {a6}}}\n")
+}
+
+/// Flags are not known to stop the advance run, so a wait of no time does.
+const ARRIVED: &str = "WAIT SEC 0\n";
+
 fn arc_on(name: &str, arc: &WeldingArc) -> String {
+    let set = |flag| format!("$FLAG[{flag}]=TRUE\n");
     let mut text = format!(
-        "GLOBAL DEF {name}_arc_on()\n; Edit: $OUT[{}] starts the power source; or ARCON of ArcTech.\n",
+        "GLOBAL DEF {name}_arc_on()\n\
+         ; Edit: by {name}_sps.txt flag {} starts the power source at $OUT[{1}]; or ARCON of ArcTech.\n{ARRIVED}",
+        flag::ARC,
         number(arc.output)
     );
-    if let Some(gas) = arc.gas_output {
-        text.push_str(&format!("$OUT[{}]=TRUE\n{}", number(gas), wait(arc.gas_preflow_s)));
+    if arc.gas_output.is_some() {
+        text.push_str(&(set(flag::GAS) + &set(flag::WELD) + &wait(arc.gas_preflow_s) + &set(flag::ARC)));
+    } else {
+        text.push_str(&(set(flag::ARC) + &set(flag::WELD)));
     }
-    text.push_str(&format!("$OUT[{}]=TRUE\n", number(arc.output)));
     // Without a valve of ours the power source opens its own when it is started.
     let own_preflow_s = if arc.gas_output.is_none() { arc.gas_preflow_s } else { 0.0 };
     let strike_s = arc.strike_s + own_preflow_s;
     match arc.established_input {
-        Some(input) => text.push_str(&wait_for(name, number(input), strike_s)),
-        None => text.push_str(&wait(strike_s)),
+        Some(input) => {
+            text.push_str(&wait_for(number(input), number(arc.output), strike_s));
+            text.push_str(&set(flag::ESTABLISHED));
+        }
+        None => text.push_str(&format!(
+            "{}; Without its lines the submit interpreter does not switch the output.\nIF NOT $OUT[{}] THEN\n{}ENDIF\n",
+            wait(strike_s.max(SUBMIT_S)),
+            number(arc.output),
+            give_up()
+        )),
     }
     text + "END\n"
 }
 
-/// Where no arc comes within the time, everything is off and stays so: pressing start again does not weld on.
-fn wait_for(name: &str, input: u32, timeout_s: f64) -> String {
+/// Where no arc comes within the time, everything is off and stays so. Without its lines in the submit interpreter the
+/// output does not come either.
+fn wait_for(input: u32, output: u32, timeout_s: f64) -> String {
     format!(
         "$TIMER[1]=0\n$TIMER_STOP[1]=FALSE\n\
-         WHILE NOT $IN[{input}]\n\
+         WHILE NOT $IN[{input}] OR NOT $OUT[{output}]\n\
          IF $TIMER[1]>{} THEN\n\
-         {name}_arc_off()\n\
-         LOOP\n\
-         HALT\n\
-         ENDLOOP\n\
+         {}\
          ENDIF\n\
          WAIT SEC 0.012\n\
          ENDWHILE\n\
          $TIMER_STOP[1]=TRUE\n",
-        (timeout_s * 1e3).round()
+        (timeout_s * 1e3).round(),
+        give_up()
     )
 }
 
 fn arc_off(name: &str, arc: &WeldingArc) -> String {
-    let mut text = format!("GLOBAL DEF {name}_arc_off()\n; Edit: or ARCOFF of ArcTech.\n");
-    text.push_str(&format!("IF $OUT[{}] THEN\n{}ENDIF\n", number(arc.output), wait(arc.crater_s)));
-    text.push_str(&format!("$OUT[{}]=FALSE\n", number(arc.output)));
-    if let Some(gas) = arc.gas_output {
-        let gas = number(gas);
-        text.push_str(&format!(
-            "IF $OUT[{gas}] THEN\n{}ENDIF\n$OUT[{gas}]=FALSE\n",
-            wait(arc.gas_postflow_s)
-        ));
-    } else {
-        text.push_str(&wait(arc.gas_postflow_s));
-    }
-    text + "END\n"
+    let off = |flag| format!("$FLAG[{flag}]=FALSE\n");
+    let mut text = format!("GLOBAL DEF {name}_arc_off()\n; Edit: or ARCOFF of ArcTech.\n{ARRIVED}");
+    text.push_str(&wait(arc.crater_s));
+    text.push_str(&(off(flag::ESTABLISHED) + &off(flag::WELD) + &off(flag::ARC)));
+    text.push_str(&wait(arc.gas_postflow_s.max(SUBMIT_S)));
+    text + &off(flag::GAS) + "END\n"
 }
 
 /// KUKA counts from 1 what the job counts from 0.

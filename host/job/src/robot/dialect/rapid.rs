@@ -2,15 +2,16 @@
 //!
 //! The dialect's rules: millimetres and quaternions w, x, y, z; welds are `ArcLStart`, `ArcL`, `ArcLEnd`, whose speed
 //! stands in welddata; zones reach over less than half a segment, and `fine` begins and ends every seam; names have at
-//! most 32 characters and are declared once; the configuration is the robot's nearest (`ConfL\Off`, `ConfJ\Off`);
-//! external axes are not used (9E9).
+//! most 32 characters and are declared once; linear moves take the robot's nearest configuration (`ConfL\Off`), which
+//! the joints of the first point begin; external axes are not used (9E9).
 
 use std::fmt::Write;
+use std::ops::Range;
 
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::moves::{Move, Switch, TooLong, decimal, moves, parts};
-use super::{ProgramSetup, part_name};
+use super::{Dialect, Joints, NO_SAFETY_FUNCTION, ProgramSetup, UNCHECKED_MOVE, part_name};
 use weldpath_files::File;
 use weldpath_method::weld::program::Waypoint;
 
@@ -32,16 +33,17 @@ pub fn write(waypoints: &[Waypoint], setup: &ProgramSetup) -> Result<Vec<File>, 
     let moves = moves(waypoints);
     let parts = parts(&moves, MOST_MOVES, "RAPID")?;
     let numbers = Numbers::new(&moves);
+    let joints = setup.joints(Dialect::Abb, waypoints.len());
+    let writer = Writer { setup, numbers: &numbers, joints: joints.as_ref(), moves: &moves };
     let file = |name: &str, text: String| File::new(format!("{name}.mod"), text);
     if let [] | [_] = parts.as_slice() {
-        return Ok(vec![file(&setup.name, module(setup, &numbers, &moves))]);
+        return Ok(vec![file(&setup.name, writer.module())]);
     }
-    let mut files = vec![file(&setup.name, main(setup, &numbers, parts.len()))];
+    let mut files = vec![file(&setup.name, writer.main(parts.len()))];
     for (index, part) in parts.iter().enumerate() {
         let name = part_name(&setup.name, index);
         let run = moves.get(part.clone()).unwrap_or_default();
-        let body = targets(run)
-            + &procedure(&format!("{name}_run"), &instructions(setup, &numbers, run, index == 0));
+        let body = targets(run) + &procedure(&format!("{name}_run"), &writer.instructions(part));
         files.push(file(&name, format!("MODULE {name}\n{body}ENDMODULE\n")));
     }
     Ok(files)
@@ -102,44 +104,8 @@ fn zone(blend_mm: f64) -> Option<&'static str> {
     ZONES_MM.iter().find(|(_, radius_mm)| *radius_mm <= blend_mm).map(|(name, _)| *name)
 }
 
-fn module(setup: &ProgramSetup, numbers: &Numbers, moves: &[Move]) -> String {
-    let name = &setup.name;
-    let run = procedure(&format!("{name}_run"), &instructions(setup, numbers, moves, true));
-    format!("MODULE {name}\n{}{}{run}ENDMODULE\n", declarations(setup, numbers), targets(moves))
-}
-
-fn main(setup: &ProgramSetup, numbers: &Numbers, parts: usize) -> String {
-    let name = &setup.name;
-    let calls: String = (0..parts).map(|i| format!("    {}_run;\n", part_name(name, i))).collect();
-    let run = procedure(&format!("{name}_run"), &calls);
-    format!("MODULE {name}\n{}{run}ENDMODULE\n", declarations(setup, numbers))
-}
-
 fn procedure(name: &str, body: &str) -> String {
     format!("  PROC {name}()\n{body}  ENDPROC\n")
-}
-
-fn declarations(setup: &ProgramSetup, numbers: &Numbers) -> String {
-    let name = &setup.name;
-    let arc = &setup.arc;
-    let mut text = format!(
-        "  ! Written by weldpath. Call {name}_run. Never run on a controller: try it in RobotStudio first.\n\
-         \x20 ! Edit: tool, work object (identity: the scan's base frame is wobj0), seam data, weld data.\n"
-    );
-    for remark in setup.remark_lines(REMARK) {
-        let _ = writeln!(text, "  ! {remark}");
-    }
-    text.push_str(&tool(setup));
-    let _ = writeln!(
-        text,
-        "  PERS wobjdata {name}_wobj:=[FALSE,TRUE,\"\",[[0,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];"
-    );
-    let _ = writeln!(
-        text,
-        "  PERS seamdata {name}_seam:=[0,{},{NO_ARC},0,0,0,0,0,{NO_ARC},0,{},{NO_ARC},0,0,{NO_ARC},{}];",
-        arc.gas_preflow_s, arc.crater_s, arc.gas_postflow_s
-    );
-    text + &numbers.declarations(setup)
 }
 
 fn tool(setup: &ProgramSetup) -> String {
@@ -178,53 +144,147 @@ fn targets(moves: &[Move]) -> String {
     text
 }
 
-fn instructions(setup: &ProgramSetup, numbers: &Numbers, moves: &[Move], opens: bool) -> String {
-    let mut text = if opens { "    ConfJ\\Off;\n    ConfL\\Off;\n".to_owned() } else { String::new() };
-    for (i, a_move) in moves.iter().enumerate() {
-        let next = moves.get(i + 1);
-        text.push_str(&instruction(setup, numbers, a_move, next, i, opens && i == 0));
-        // At the very end the crater is filled as seamdata says.
-        if let Some(wait_s) = a_move.wait_s().filter(|_| a_move.then != Some(Switch::Off)) {
-            text.push_str(&format!("    WaitTime {wait_s};\n"));
-        }
-    }
-    text
+/// What the instructions of all modules need.
+struct Writer<'a> {
+    setup: &'a ProgramSetup,
+    numbers: &'a Numbers,
+    joints: Option<&'a Joints<'a>>,
+    /// Of all modules.
+    moves: &'a [Move],
 }
 
-fn instruction(
-    setup: &ProgramSetup,
-    numbers: &Numbers,
-    a_move: &Move,
-    next: Option<&Move>,
-    index: usize,
-    joint: bool,
-) -> String {
-    let name = &setup.name;
-    let tool = if setup.tool.is_some() { format!("{name}_tool") } else { TOOL.to_owned() };
-    let frame = format!("{tool}\\WObj:={name}_wobj");
-    let point = index + 1;
-    let zone = match zone(a_move.blend_mm) {
-        Some(zone) => zone.to_owned(),
-        None if a_move.blend_mm > 0.0 => format!("{name}_z"),
-        None => "fine".to_owned(),
-    };
-    // The speed beside welddata holds only while a program is stepped through without the arc.
-    let stepped = numbers.speed(name, numbers.air_mm_s.first().copied().unwrap_or(0.0), false);
-    let weld = |feed_mm_s| format!("{name}_seam,{}", numbers.speed(name, feed_mm_s, true));
-    match (a_move.welding, a_move.then) {
-        (false, Some(Switch::On)) => {
-            let first_mm_s = next.map_or(a_move.feed_mm_s, |next| next.feed_mm_s);
-            let (speed, weld) = (numbers.speed(name, a_move.feed_mm_s, false), weld(first_mm_s));
-            format!("    ArcLStart p{point},{speed},{weld},fine,{frame};\n")
+impl Writer<'_> {
+    fn module(&self) -> String {
+        let name = &self.setup.name;
+        let run = procedure(&format!("{name}_run"), &self.instructions(&(0..self.moves.len())));
+        format!("MODULE {name}\n{}{}{run}ENDMODULE\n", self.declarations(), targets(self.moves))
+    }
+
+    fn main(&self, parts: usize) -> String {
+        let name = &self.setup.name;
+        let calls: String = (0..parts).map(|i| format!("    {}_run;\n", part_name(name, i))).collect();
+        let run = procedure(&format!("{name}_run"), &calls);
+        format!("MODULE {name}\n{}{run}ENDMODULE\n", self.declarations())
+    }
+
+    fn declarations(&self) -> String {
+        let setup = self.setup;
+        let (name, arc) = (&setup.name, &setup.arc);
+        let mut text = format!(
+            "  ! Written by weldpath. Call {name}_run. Never run on a controller: try it in RobotStudio first.\n\
+             \x20 ! Edit: tool, work object (identity: the scan's base frame is wobj0), seam data, weld data.\n"
+        );
+        let mut own = vec![NO_SAFETY_FUNCTION.into()];
+        own.push(
+            "Check in the Arc configuration: weld error recovery and arc process restart. Not verified."
+                .into(),
+        );
+        own.push(
+            "Speeds of welddata are mm/s: check that the Arc units are SI (US units are inch a minute)."
+                .into(),
+        );
+        own.extend(Joints::remarks(self.joints));
+        for remark in setup.head(&own, REMARK) {
+            // Writing to a String cannot fail.
+            let _ = writeln!(text, "  ! {remark}");
         }
-        (true, Some(Switch::Off)) => {
-            format!("    ArcLEnd p{point},{stepped},{},fine,{frame};\n", weld(a_move.feed_mm_s))
+        text.push_str(&tool(setup));
+        let _ = writeln!(
+            text,
+            "  PERS wobjdata {name}_wobj:=[FALSE,TRUE,\"\",[[0,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];"
+        );
+        let _ = writeln!(
+            text,
+            "  PERS seamdata {name}_seam:=[0,{},{NO_ARC},0,0,0,0,0,{NO_ARC},0,{},{NO_ARC},0,0,{NO_ARC},{}];",
+            arc.gas_preflow_s, arc.crater_s, arc.gas_postflow_s
+        );
+        text + &self.numbers.declarations(setup)
+    }
+
+    /// Of the moves in `run`; the first part begins the program, and the last one ends it.
+    fn instructions(&self, run: &Range<usize>) -> String {
+        let mut text = String::new();
+        if run.start == 0 {
+            text.push_str(&self.opening());
         }
-        (true, _) => format!("    ArcL p{point},{stepped},{},{zone},{frame};\n", weld(a_move.feed_mm_s)),
-        (false, _) => {
-            let command = if joint { "MoveJ" } else { "MoveL" };
-            let speed = numbers.speed(name, a_move.feed_mm_s, false);
-            format!("    {command} p{point},{speed},fine,{frame};\n")
+        for (i, index) in run.clone().enumerate() {
+            let Some(a_move) = self.moves.get(index) else { break };
+            let next = self.moves.get(index + 1);
+            let by_joints = self.joints.filter(|_| index == 0);
+            if let Some(joints) = by_joints {
+                text.push_str(&self.by_joints(joints.first_deg));
+            }
+            if by_joints.is_none() || a_move.then.is_some() {
+                text.push_str(&self.instruction(a_move, next, i, index == 0));
+            }
+            // At the very end the crater is filled as seamdata says.
+            if let Some(wait_s) = a_move.wait_s().filter(|_| a_move.then != Some(Switch::Off)) {
+                text.push_str(&format!("    WaitTime {wait_s};\n"));
+            }
+        }
+        if run.end == self.moves.len() {
+            if let Some(end_deg) = self.joints.and_then(|joints| joints.end_deg) {
+                text.push_str(&self.by_joints(end_deg));
+            }
+            text.push_str("    ConfL\\On;\n    ConfJ\\On;\n");
+        }
+        text
+    }
+
+    /// Home, or, where there is none but the first move is by joints, a stop until a person starts again.
+    fn opening(&self) -> String {
+        let mut text = "    ConfJ\\Off;\n    ConfL\\Off;\n".to_owned();
+        match self.joints.map(|joints| joints.home_deg) {
+            Some(Some(home_deg)) => text.push_str(&self.by_joints(home_deg)),
+            Some(None) => {
+                text.push_str(&format!(
+                    "    TPWrite \"{UNCHECKED_MOVE} Start moves the arm.\";\n    Stop;\n"
+                ));
+            }
+            None => {}
+        }
+        text
+    }
+
+    fn by_joints(&self, joints_deg: [f64; 6]) -> String {
+        let joints = joints_deg.map(decimal::<4>).join(",");
+        let first_mm_s = self.moves.first().map_or(0.0, |first| first.feed_mm_s);
+        let speed = self.numbers.speed(&self.setup.name, first_mm_s, false);
+        format!("    MoveAbsJ [[{joints}],[9E9,9E9,9E9,9E9,9E9,9E9]],{speed},fine,{};\n", self.frame())
+    }
+
+    fn frame(&self) -> String {
+        let name = &self.setup.name;
+        let tool = if self.setup.tool.is_some() { format!("{name}_tool") } else { TOOL.to_owned() };
+        format!("{tool}\\WObj:={name}_wobj")
+    }
+
+    fn instruction(&self, a_move: &Move, next: Option<&Move>, index: usize, joint: bool) -> String {
+        let (name, numbers, frame) = (&self.setup.name, self.numbers, self.frame());
+        let point = index + 1;
+        let zone = match zone(a_move.blend_mm) {
+            Some(zone) => zone.to_owned(),
+            None if a_move.blend_mm > 0.0 => format!("{name}_z"),
+            None => "fine".to_owned(),
+        };
+        // The speed beside welddata holds only while a program is stepped through without the arc.
+        let stepped = numbers.speed(name, numbers.air_mm_s.first().copied().unwrap_or(0.0), false);
+        let weld = |feed_mm_s| format!("{name}_seam,{}", numbers.speed(name, feed_mm_s, true));
+        match (a_move.welding, a_move.then) {
+            (false, Some(Switch::On)) => {
+                let first_mm_s = next.map_or(a_move.feed_mm_s, |next| next.feed_mm_s);
+                let (speed, weld) = (numbers.speed(name, a_move.feed_mm_s, false), weld(first_mm_s));
+                format!("    ArcLStart p{point},{speed},{weld},fine,{frame};\n")
+            }
+            (true, Some(Switch::Off)) => {
+                format!("    ArcLEnd p{point},{stepped},{},fine,{frame};\n", weld(a_move.feed_mm_s))
+            }
+            (true, _) => format!("    ArcL p{point},{stepped},{},{zone},{frame};\n", weld(a_move.feed_mm_s)),
+            (false, _) => {
+                let command = if joint { "MoveJ" } else { "MoveL" };
+                let speed = numbers.speed(name, a_move.feed_mm_s, false);
+                format!("    {command} p{point},{speed},fine,{frame};\n")
+            }
         }
     }
 }

@@ -30,7 +30,7 @@ pub fn write(waypoints: &[Waypoint], setup: &ProgramSetup) -> Result<Vec<File>, 
 
 fn yaml(moves: &[Move], setup: &ProgramSetup) -> String {
     let mut text = "# weldpath: geometry_msgs/PoseArray; metres, tool z into the work\n".to_owned();
-    for remark in setup.remark_lines(REMARK) {
+    for remark in setup.head(&[], REMARK) {
         let _ = writeln!(text, "# {remark}");
     }
     text.push_str(&format!("header:\n  frame_id: {FRAME}\n"));

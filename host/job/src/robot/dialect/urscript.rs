@@ -1,16 +1,19 @@
 //! `path.script`: the program in URScript, for Universal Robots controllers.
 //!
-//! The dialect's rules: metres and rotation vectors; tool z points into the work, so the torch frame is turned half
-//! round `m`; blend radii stay below half of the shorter neighbouring segment, and are 0 at the end of every weld and
-//! wherever the torch stands; a rotation
-//! vector is the representative nearest to the one before, so that component-wise readers see no jump.
+//! The dialect's rules: metres and rotation vectors, joints in rad; tool z points into the work, so the torch frame is
+//! turned half round `m`; blend radii stay below half of the shorter neighbouring segment, and are 0 at the end of every
+//! weld and wherever the torch stands; a rotation vector is the representative nearest to the one before, so that
+//! component-wise readers see no jump.
+//!
+//! Arc and gas are low while no program runs (run-state action 1). A thread ends the program when it finds them low amid
+//! a weld: after a stop the weld is neither struck again nor run along without an arc.
 
 use std::fmt::Write;
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::ProgramSetup;
 use super::moves::{self, Move, Switch, TooLong, moves};
+use super::{Dialect, Joints, NO_SAFETY_FUNCTION, ProgramSetup, UNCHECKED_MOVE};
 use crate::robot::arc::WeldingArc;
 use weldpath_files::File;
 use weldpath_method::weld::program::Waypoint;
@@ -29,16 +32,30 @@ pub fn write(waypoints: &[Waypoint], setup: &ProgramSetup) -> Result<Vec<File>, 
     Ok(vec![File::new("path.script", script(waypoints, setup))])
 }
 
+/// Values of the global `weldpath_on`: what has to be on, for the thread that watches it.
+const GAS: u8 = 1;
+const ARC: u8 = 2;
+const ESTABLISHED: u8 = 3;
+
 /// The whole script: one function, `weldpath`.
 fn script(waypoints: &[Waypoint], setup: &ProgramSetup) -> String {
     let mut script = Script { text: String::new(), previous_rad: None };
+    let joints = setup.joints(Dialect::Ur, waypoints.len());
     script.text.push_str("def weldpath():\n");
-    script.line("# weldpath: robot base frame, metres, rotation vectors; tool z points into the work.");
+    script.head(setup, joints.as_ref());
+    script.watch(&setup.arc);
     script.opening(setup);
     let moves = moves(waypoints);
     for (i, one) in moves.iter().enumerate() {
         let next = moves.get(i + 1).and_then(|next| next.then);
-        script.one(i == 0, one, next, &setup.arc);
+        match joints.as_ref().filter(|_| i == 0) {
+            Some(joints) => script.begin(joints, one),
+            None => script.move_to(i == 0, one),
+        }
+        script.after(one, next, &setup.arc);
+    }
+    if let Some(end_deg) = joints.and_then(|joints| joints.end_deg) {
+        script.by_joints(end_deg);
     }
     script.text.push_str("end\n");
     script.text
@@ -55,10 +72,87 @@ impl Script {
         let _ = writeln!(self.text, "  {line}");
     }
 
-    fn opening(&mut self, setup: &ProgramSetup) {
-        for remark in setup.remark_lines(REMARK) {
+    fn head(&mut self, setup: &ProgramSetup, joints: Option<&Joints>) {
+        self.line("# weldpath: robot base frame, metres, rotation vectors; tool z points into the work.");
+        let mut own = vec![
+            "Never run on a controller: try it in URSim first, then slowly, with the arc off.".into(),
+            NO_SAFETY_FUNCTION.into(),
+            format!(
+                "Outputs of arc and gas ({}) are low while the program is stopped or paused (action 1), and are left \
+                 low, with that action.",
+                outputs(&setup.arc).map(|n| n.to_string()).collect::<Vec<_>>().join(", ")
+            ),
+            "Not verified: what an output does when a paused program goes on, and whether action 1 outlives the \
+             program."
+                .into(),
+            "A stop amid a weld ends the program when it goes on; the rest of the weld is another program.".into(),
+            setup.arc_remark().into(),
+        ];
+        if setup.arc.established_input.is_none() {
+            own.push(
+                "Not verified, and not seen without that input: an output that comes back when a paused program \
+                 goes on strikes the arc. Do not resume amid a weld: stop the program."
+                    .into(),
+            );
+        }
+        own.extend(Joints::remarks(joints));
+        for remark in setup.head(&own, REMARK) {
             self.line(format_args!("# {remark}"));
         }
+    }
+
+    /// The thread that ends the program where something is off that has to be on. It neither moves nor waits for a
+    /// person before it ends the program: the main program may be moving meanwhile.
+    fn watch(&mut self, arc: &WeldingArc) {
+        self.line("global weldpath_on = 0");
+        self.line("thread weldpath_watch():");
+        self.line("  while (True):");
+        let after_stop = "The program was stopped amid a weld. Look at the seam, then run another program.";
+        let outputs = [arc.gas_output.map(|gas| (GAS, gas)), Some((ARC, arc.output))];
+        for (level, output) in outputs.into_iter().flatten() {
+            self.unless(level, format_args!("get_standard_digital_out({output})"), after_stop, arc);
+        }
+        if let Some(input) = arc.established_input {
+            self.unless(
+                ESTABLISHED,
+                format_args!("get_standard_digital_in({input})"),
+                "The arc went out.",
+                arc,
+            );
+        }
+        self.line("    sync()");
+        self.line("  end");
+        self.line("end");
+    }
+
+    fn unless(&mut self, level: u8, signal: impl std::fmt::Display, message: &str, arc: &WeldingArc) {
+        self.line(format_args!("    if (weldpath_on >= {level}):"));
+        self.line(format_args!("      if ({signal} == False):"));
+        self.give_up("        ", message, false, arc);
+        self.line("      end");
+        self.line("    end");
+    }
+
+    /// Everything off, a message, the end. `blocking` waits for a person first.
+    fn give_up(&mut self, indent: &str, message: &str, blocking: bool, arc: &WeldingArc) {
+        self.line(format_args!("{indent}weldpath_on = 0"));
+        for output in outputs(arc) {
+            self.line(format_args!("{indent}set_standard_digital_out({output}, False)"));
+        }
+        let blocking = if blocking { "True" } else { "False" };
+        self.line(format_args!("{indent}textmsg(\"weldpath: {message}\")"));
+        self.line(format_args!(
+            "{indent}popup(\"{message}\", title=\"weldpath\", error=True, blocking={blocking})"
+        ));
+        self.line(format_args!("{indent}halt"));
+    }
+
+    fn opening(&mut self, setup: &ProgramSetup) {
+        for output in outputs(&setup.arc) {
+            self.line(format_args!("set_runstate_standard_digital_output_to_value({output}, 1)"));
+            self.switch(Some(output), false);
+        }
+        self.line("weldpath_watcher = run weldpath_watch()");
         match &setup.tool {
             Some(tool) => {
                 let [x, y, z] = tool.flange_from_tcp_mm.map(metres);
@@ -69,12 +163,27 @@ impl Script {
             }
             None => self.line("# TCP and payload: as set on the controller; the job file has no [tool]."),
         }
-        self.switch(Some(setup.arc.output), false);
-        self.switch(setup.arc.gas_output, false);
     }
 
-    /// One move, and what happens where it ends; `next` is what happens at the end of the move after it.
-    fn one(&mut self, first: bool, one: &Move, next: Option<Switch>, arc: &WeldingArc) {
+    /// To the first point by joints: from home, or, where there is none, after a person agreed.
+    fn begin(&mut self, joints: &Joints, first: &Move) {
+        match joints.home_deg {
+            Some(home_deg) => self.by_joints(home_deg),
+            None => self.line(format_args!(
+                "popup(\"{UNCHECKED_MOVE} Continue moves the arm.\", title=\"weldpath\", warning=True, \
+                 blocking=True)"
+            )),
+        }
+        self.by_joints(joints.first_deg);
+        self.previous_rad = Some(rotation_vector(&first.base_from_tool, None));
+    }
+
+    fn by_joints(&mut self, joints_deg: [f64; 6]) {
+        let joints = joints_deg.map(|deg| decimal(deg.to_radians())).join(", ");
+        self.line(format_args!("movej([{joints}], a=0.5, v=0.25)"));
+    }
+
+    fn move_to(&mut self, first: bool, one: &Move) {
         let pose = self.pose(one);
         let speed = metres(one.feed_mm_s);
         if one.welding {
@@ -85,6 +194,10 @@ impl Script {
         } else {
             self.line(format_args!("movel({pose}, a={ACCELERATION_M_S2}, v={speed})"));
         }
+    }
+
+    /// What happens where a move ends; `next` is what happens at the end of the move after it.
+    fn after(&mut self, one: &Move, next: Option<Switch>, arc: &WeldingArc) {
         if next == Some(Switch::On) {
             self.gas_on(one.seam, arc);
         }
@@ -103,7 +216,15 @@ impl Script {
         if let Some(seam) = seam {
             self.line(format_args!("# seam {seam}"));
         }
-        self.switch(arc.gas_output, true);
+        if arc.gas_output.is_some() {
+            self.switch(arc.gas_output, true);
+            self.on(GAS);
+        }
+    }
+
+    /// From here on the thread ends the program where this, or what came before it, is off.
+    fn on(&mut self, level: u8) {
+        self.line(format_args!("weldpath_on = {level}"));
     }
 
     /// Standing at the start of the seam: gas flows first, then the arc is struck and waited for.
@@ -112,10 +233,14 @@ impl Script {
             self.sleep(arc.gas_preflow_s);
         }
         self.switch(Some(arc.output), true);
+        self.on(ARC);
         // Without a valve of ours the power source opens its own when it is started.
         let own_preflow_s = if arc.gas_output.is_none() { arc.gas_preflow_s } else { 0.0 };
         match arc.established_input {
-            Some(input) => self.wait_for(input, arc.strike_s + own_preflow_s, arc),
+            Some(input) => {
+                self.wait_for(input, arc.strike_s + own_preflow_s, arc);
+                self.on(ESTABLISHED);
+            }
             None => self.sleep(arc.strike_s + own_preflow_s),
         }
     }
@@ -126,17 +251,14 @@ impl Script {
         self.line("  sleep(0.01)");
         self.line("  waited_s = waited_s + 0.01");
         self.line(format_args!("  if (waited_s > {timeout_s}):"));
-        for output in [Some(arc.output), arc.gas_output].into_iter().flatten() {
-            self.line(format_args!("    set_standard_digital_out({output}, False)"));
-        }
-        self.line("    popup(\"The arc did not establish.\", title=\"weldpath\", error=True, blocking=True)");
-        self.line("    halt");
+        self.give_up("    ", "The arc did not establish.", true, arc);
         self.line("  end");
         self.line("end");
     }
 
     fn arc_off(&mut self, arc: &WeldingArc) {
         self.sleep(arc.crater_s);
+        self.on(0);
         self.switch(Some(arc.output), false);
         self.sleep(arc.gas_postflow_s);
         self.switch(arc.gas_output, false);
@@ -173,6 +295,11 @@ fn rotation_vector(q: &UnitQuaternion<f64>, previous_rad: Option<Vector3<f64>>) 
     let Some(axis) = axis else { return shortest };
     let turns = ((previous.dot(&axis) - shortest.dot(&axis)) / std::f64::consts::TAU).round();
     shortest + axis * (turns * std::f64::consts::TAU)
+}
+
+/// Outputs of the arc and the gas.
+fn outputs(arc: &WeldingArc) -> impl Iterator<Item = u8> {
+    [Some(arc.output), arc.gas_output].into_iter().flatten()
 }
 
 /// A length in mm as metres, to 10 nm.
@@ -238,7 +365,7 @@ mod tests {
             remarks: vec![],
         };
         let script = script(&seam, &setup);
-        assert!(!script.contains("True"), "{script}");
+        assert!(!script.contains(", True)"), "{script}");
     }
 
     #[test]
