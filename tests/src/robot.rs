@@ -247,7 +247,7 @@ pub fn standing_as(
 fn stance(i: usize) -> Stance {
     let t = (i % 20) as f64;
     let joints_deg = [-185.0 + 3.0 * t, -70.0 + t, 60.0, 170.0 + 2.0 * t, 5.0 - 2.0 * t, 400.0 - 30.0 * t];
-    Stance { joints_deg, front: i % 3 != 0, elbow_up: i % 4 != 1 }
+    Stance { joints_deg, front: !i.is_multiple_of(3), elbow_up: i % 4 != 1 }
 }
 
 /// The files of `output` whose names end so.

@@ -193,7 +193,7 @@ fn stops(files: &[Text], watched: bool) -> Result<(), String> {
     while !robot.ended() {
         // In the air every fifth step will do.
         let lit_or_gas = robot.out(ARC) || robot.out(GAS);
-        for stop in Stop::ALL.into_iter().filter(|_| lit_or_gas || step % 5 == 0) {
+        for stop in Stop::ALL.into_iter().filter(|_| lit_or_gas || step.is_multiple_of(5)) {
             for reading in Reading::BOTH {
                 stopped(&robot, stop, reading)
                     .map_err(|why| format!("at step {step}, {stop:?}, {reading:?}: {why}"))?;
@@ -334,7 +334,7 @@ fn the_first_point_is_reached_by_joints() {
         ("moves the arm.\nHALT\n", "moves the arm.\n", "asks at"),
         ("PTP {A1 -185.0000", "PTP {A1 175.0000", "joints"),
         ("PTP {A1 -185.0000,", "PTP {", "missing"),
-        ("PTP {A1", "LIN {A1", ".dat"),
+        ("PTP {A1", "LIN {A1", "approximation"),
     ];
     refuses(&files, &mutations, |files| {
         check_standing(&ran(files, true)?.done, &waypoints, &stances, false, &ROUNDED)

@@ -234,12 +234,9 @@ mod tests {
     /// joint is between -180 and 180 degrees, neither included; the wrist is `F` from J5 = 0 up.
     fn public_rule(joints_deg: [f64; 6]) -> String {
         let turns = |mut deg: f64| {
-            let mut turns = 0;
-            while deg >= 180.0 {
-                (deg, turns) = (deg - 360.0, turns + 1);
-            }
-            while deg <= -180.0 {
-                (deg, turns) = (deg + 360.0, turns - 1);
+            let (mut turns, sign) = (0, if deg < 0.0 { -1 } else { 1 });
+            while deg * f64::from(sign) >= 180.0 {
+                (deg, turns) = (deg - 360.0 * f64::from(sign), turns + sign);
             }
             turns
         };

@@ -88,13 +88,15 @@ impl Script {
             "A stop amid a weld ends the program when it goes on; the rest of the weld is another program.".into(),
             setup.arc_remark().into(),
         ];
-        if setup.arc.established_input.is_none() {
-            own.push(
-                "Not verified, and not seen without that input: an output that comes back when a paused program \
-                 goes on strikes the arc. Do not resume amid a weld: stop the program."
-                    .into(),
-            );
-        }
+        own.push(if setup.arc.established_input.is_none() {
+            "An output that comes back when a paused program goes on would strike the arc, unseen without that \
+             input: do not resume amid a weld, stop the program."
+                .into()
+        } else {
+            "An output that comes back when a paused program goes on would go on with a strike that was \
+             interrupted: do not resume there, stop the program."
+                .into()
+        });
         own.extend(Joints::remarks(joints));
         for remark in setup.head(&own, REMARK) {
             self.line(format_args!("# {remark}"));
