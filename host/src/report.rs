@@ -68,7 +68,13 @@ pub fn without_seams(recording: &Recording, job: &Job, reason: &str) -> Vec<File
     let rejected = recording.rejected.clone();
     let summary =
         Summary::new(&plan, Source::default(), &[], &[], job.order.up.get(), rejected).with_verdict(verdict);
-    let output = Output { paths: Vec::new(), program: Program::default(), summary, feasibility: None, files: Vec::new() };
+    let output = Output {
+        paths: Vec::new(),
+        program: Program::default(),
+        summary,
+        feasibility: None,
+        files: Vec::new(),
+    };
     files(&plan, &output, recording, job)
 }
 

@@ -8,8 +8,8 @@ use weldpath::input;
 use weldpath::output::frame::PathFrame;
 use weldpath::output::verdict::ReasonId;
 use weldpath::output::{json, ply};
-use weldpath::run::job::Job;
 use weldpath::robot::dialect::ProgramSetup;
+use weldpath::run::job::Job;
 use weldpath::run::postprocessing::program_files;
 use weldpath::run::refit;
 use weldpath::run::refit::Refit;
@@ -86,7 +86,8 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
 
 /// A program for a robot needs a scan that says where the robot is.
 fn hold_frame(frame: PathFrame, job: &Job) -> Result<(), Failure> {
-    if frame != PathFrame::Camera || job.dialects().is_empty() || job.accept.contains(&ReasonId::CameraFrame) {
+    if frame != PathFrame::Camera || job.dialects().is_empty() || job.accept.contains(&ReasonId::CameraFrame)
+    {
         return Ok(());
     }
     let message =

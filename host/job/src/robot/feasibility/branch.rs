@@ -35,8 +35,10 @@ pub(super) struct Way {
 /// What is had against a way; what comes first outweighs what follows.
 #[derive(Debug, Clone, Copy, Default)]
 struct Cost {
-    /// Touches, jumps to another branch, joints beyond their limits.
-    faults: usize,
+    /// Jumps to another branch, joints beyond their limits. Where no way is free, the one is told that the arm could move
+    /// along if what it touches were not there.
+    breaks: usize,
+    touches: usize,
     odd: usize,
     /// rad².
     motion: f64,
@@ -44,7 +46,8 @@ struct Cost {
 
 impl Cost {
     fn order(&self, other: &Self) -> Ordering {
-        let counts = (self.faults, self.odd).cmp(&(other.faults, other.odd));
+        let counts = |cost: &Self| (cost.breaks, cost.touches, cost.odd);
+        let counts = counts(self).cmp(&counts(other));
         counts.then(self.motion.total_cmp(&other.motion))
     }
 }
@@ -54,7 +57,8 @@ impl Add for Cost {
 
     fn add(self, other: Self) -> Self {
         Self {
-            faults: self.faults + other.faults,
+            breaks: self.breaks + other.breaks,
+            touches: self.touches + other.touches,
             odd: self.odd + other.odd,
             motion: self.motion + other.motion,
         }
@@ -64,7 +68,6 @@ impl Add for Cost {
 /// One solution of the inverse kinematics at one pose.
 struct Node {
     joints_rad: Joints,
-    touches: bool,
     /// Of the best way here, and the node before it.
     cost: Cost,
     from: Option<usize>,
@@ -86,10 +89,8 @@ pub(super) fn follow(
         return Way { joints_rad: vec![None; layers.len()], step_rad: vec![0.0; layers.len()] };
     };
     let judged = (0..layers[last].len()).map(|end| {
-        let (way, touching) = unwound(&layers, last, end);
-        let way = settled(&arm.limits, way);
-        let faults = touching + faults(&arm.limits, &way);
-        (Cost { faults, ..layers[last][end].cost }, way)
+        let way = settled(&arm.limits, unwound(&layers, last, end));
+        (Cost { breaks: breaks(&arm.limits, &way), ..layers[last][end].cost }, way)
     });
     judged.min_by(|a, b| a.0.order(&b.0)).map(|(_, way)| way).unwrap_or_default()
 }
@@ -102,9 +103,9 @@ fn layers(limits: &Limits, stands: Vec<Vec<(Joints, Stand)>>) -> Vec<Vec<Node>> 
         let adjoins = previous.is_some_and(|k| k + 1 == i);
         let node = |(joints_rad, Stand { touches, odd }): (Joints, Stand)| {
             let (cost, from) = cheapest(before, &joints_rad, adjoins);
-            let faults = beyond(limits, &joints_rad) + usize::from(touches);
-            let own = Cost { faults, odd: usize::from(odd), motion: 0.0 };
-            Node { joints_rad, touches, cost: cost + own, from }
+            let breaks = beyond(limits, &joints_rad);
+            let own = Cost { breaks, touches: usize::from(touches), odd: usize::from(odd), motion: 0.0 };
+            Node { joints_rad, cost: cost + own, from }
         };
         let layer: Vec<Node> = stands.into_iter().map(node).collect();
         if !layer.is_empty() {
@@ -128,7 +129,7 @@ fn motion(from: &Joints, to: &Joints) -> Cost {
     let steps = (0..6).map(|j| shortest(to[j] - from[j]));
     let (motion, largest) =
         steps.fold((0.0, 0f64), |(sum, most), step| (sum + step * step, most.max(step.abs())));
-    Cost { faults: usize::from(largest > JUMP_RAD), odd: 0, motion }
+    Cost { breaks: usize::from(largest > JUMP_RAD), motion, ..Cost::default() }
 }
 
 /// Joints that no whole turn brings within their limits.
@@ -141,13 +142,12 @@ fn shortest(angle_rad: f64) -> f64 {
     (angle_rad + PI).rem_euclid(TAU) - PI
 }
 
-/// The way that ends at node `end` of layer `last`, each joint continued through whole turns, and how often it touches.
-fn unwound(layers: &[Vec<Node>], last: usize, end: usize) -> (Way, usize) {
+/// The way that ends at node `end` of layer `last`, each joint continued through whole turns.
+fn unwound(layers: &[Vec<Node>], last: usize, end: usize) -> Way {
     let mut chosen = vec![None; layers.len()];
-    let (mut at, mut touching) = (Some(end), 0);
+    let mut at = Some(end);
     for (i, layer) in layers.iter().enumerate().take(last + 1).rev().filter(|(_, layer)| !layer.is_empty()) {
         let node = at.and_then(|k| layer.get(k));
-        touching += usize::from(node.is_some_and(|node| node.touches));
         chosen[i] = node.map(|node| node.joints_rad);
         at = node.and_then(|node| node.from);
     }
@@ -163,7 +163,7 @@ fn unwound(layers: &[Vec<Node>], last: usize, end: usize) -> (Way, usize) {
         gap = joints.is_none();
         before = joints.or(before);
     }
-    (way, touching)
+    way
 }
 
 /// Each joint shifted by the whole turns that leave its whole way farthest from the limits.
@@ -179,7 +179,7 @@ fn settled(limits: &Limits, mut way: Way) -> Way {
 }
 
 /// Poses where the way jumps or breaks a limit.
-fn faults(limits: &Limits, way: &Way) -> usize {
+fn breaks(limits: &Limits, way: &Way) -> usize {
     let broken = |joints: &Joints| (0..6).any(|j| limits.margin_rad(j, joints[j]) < 0.0);
     way.joints_rad.iter().flatten().filter(|joints| broken(joints)).count()
         + way.step_rad.iter().filter(|step| **step > JUMP_RAD).count()

@@ -181,7 +181,7 @@ impl Touch {
             Obstacle::Torch => "inside the torch".to_owned(),
             Obstacle::Link(other) => format!("inside its {}", other.name),
         };
-        format!("the {} of {arm} is up to {depth_mm:.0} mm {what}", link.name)
+        format!("the {} of {arm} is up to {depth_mm:.1} mm {what}", link.name)
     }
 }
 
@@ -247,7 +247,7 @@ impl Problem {
                 self.touch.map(|touch| touch.words(arm)).unwrap_or_default()
             ),
             ProblemKind::OddPosture => format!(
-                "{arm} {}, and no other way of standing is free along the whole program: look at it in the controller's \
+                "{arm} {}, and no way along the whole program is free without such a fault: look at it in the controller's \
                  simulation, or move the part or the robot",
                 self.odd.map(Oddity::words).unwrap_or_default()
             ),
