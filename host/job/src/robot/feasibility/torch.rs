@@ -5,7 +5,7 @@
 
 use std::collections::HashSet;
 
-use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Matrix3, Point3, UnitQuaternion, Vector3};
 
 use super::chain::Capsule;
 use super::links::TORCH;
@@ -226,9 +226,12 @@ impl Obstacles {
 
 /// A point of a surface has so many others ...
 const NEIGHBOURS: usize = 6;
-/// ... within so many times the distance in which half of all points have them: where a camera saw a surface at a grazing
-/// angle or from afar it is three times as thin, and of strays all over a box one in thousands has a single other.
+/// ... within so many times the distance in which half of all points have them: of strays all over a box one in thousands has.
 const SPREAD: f32 = 4.0;
+/// Or it lies, where a scan is thin, in a plane with twice as many, up to this share of how far they reach, and most of
+/// these do so, too: of strays one in forty lies so, and none with most of its nearest; a plane that is seen ten times as
+/// thinly with a noise of 1 mm does.
+const FLAT_SHARE: f32 = 0.07;
 /// So many points show how dense a scan is, and fewer are no scan.
 const SAMPLED: usize = 500;
 
@@ -239,31 +242,52 @@ fn surface(points_mm: &[Point3<f32>]) -> Vec<Point3<f32>> {
     }
     let grid = Grid::new(points_mm, CELL_MM);
     let sampled = (0..SAMPLED).map(|k| points_mm[k * points_mm.len() / SAMPLED]);
-    let mut spacing_mm: Vec<f32> = sampled.map(|point| reach_of_neighbours_mm(&grid, &point)).collect();
+    let reach_mm = |point: Point3<f32>| {
+        nearest(&grid, &point, NEIGHBOURS).last().map_or(0.0, |far| (grid.point(*far) - point).norm())
+    };
+    let mut spacing_mm: Vec<f32> = sampled.map(reach_mm).collect();
     spacing_mm.sort_by(f32::total_cmp);
     let reach_mm = SPREAD * spacing_mm[SAMPLED / 2];
-    let dense = |point: &&Point3<f32>| {
+    let slots = || (0..grid.len()).into_par_iter();
+    let is_dense = |slot: usize| {
         let mut others = 0;
-        grid.within(point, reach_mm, |_, _| others += 1);
+        grid.within(&grid.point(slot), reach_mm, |_, _| others += 1);
         others > NEIGHBOURS
     };
-    points_mm.par_iter().filter(dense).copied().collect()
+    let dense: Vec<bool> = slots().map(is_dense).collect();
+    let near = |slot: usize| nearest(&grid, &grid.point(slot), 2 * NEIGHBOURS);
+    let points = |slots: &[usize]| slots.iter().map(|slot| grid.point(*slot)).collect::<Vec<_>>();
+    let holds: Vec<bool> = slots().map(|slot| dense[slot] || lies_flat(&points(&near(slot)))).collect();
+    let among_its_like = |slot: usize| near(slot).iter().filter(|other| holds[**other]).count() > NEIGHBOURS;
+    let kept = |slot: &usize| dense[*slot] || (holds[*slot] && among_its_like(*slot));
+    slots().filter(kept).map(|slot| grid.point(slot)).collect()
 }
 
-/// How far the neighbours of a point reach.
-fn reach_of_neighbours_mm(grid: &Grid, point: &Point3<f32>) -> f32 {
+/// Whether a point, the first, lies in a plane with its nearest.
+fn lies_flat(near: &[Point3<f32>]) -> bool {
+    let Some(far) = near.last().filter(|_| near.len() > NEIGHBOURS) else { return false };
+    let mean = near.iter().map(|p| p.coords).sum::<Vector3<f32>>() / near.len() as f32;
+    let spread: Matrix3<f32> = near.iter().map(|p| p.coords - mean).map(|d| d * d.transpose()).sum();
+    let mut widths: [f32; 3] = spread.symmetric_eigenvalues().into();
+    widths.sort_by(f32::total_cmp);
+    let [across, along, _] = widths.map(|width| (width.max(0.0) / near.len() as f32).sqrt());
+    let reach = (far - near[0]).norm();
+    // Of a disc the width is half of the reach: a stray over a dense patch makes a line with it, and no plane.
+    across < FLAT_SHARE * reach && along > 0.25 * reach
+}
+
+/// The slots of a point and the `others` nearest to it, the nearest first; fewer if not so many are within a metre.
+fn nearest(grid: &Grid, point: &Point3<f32>, others: usize) -> Vec<usize> {
     let mut reach_mm = 0.25 * CELL_MM;
-    // Beyond a metre it is no surface of a workpiece.
-    while reach_mm < 1e3 {
-        let mut squared: Vec<f32> = Vec::new();
-        grid.within(point, reach_mm, |_, squared_mm2| squared.push(squared_mm2));
-        if squared.len() > NEIGHBOURS {
-            squared.sort_by(f32::total_cmp);
-            return squared[NEIGHBOURS].sqrt();
+    loop {
+        let mut found: Vec<(f32, usize)> = Vec::new();
+        grid.within(point, reach_mm, |slot, squared_mm2| found.push((squared_mm2, slot)));
+        if found.len() > others || reach_mm > 1e3 {
+            found.sort_by(|a, b| a.0.total_cmp(&b.0));
+            return found.into_iter().take(others + 1).map(|(_, slot)| slot).collect();
         }
         reach_mm *= 2.0;
     }
-    reach_mm
 }
 
 /// Keeps the nearest points in order, each once.
@@ -354,6 +378,31 @@ mod tests {
         let at = |turn: &UnitQuaternion<f64>| behind.clearance_mm(&bent, &Point3::origin(), turn);
         assert!(at(&UnitQuaternion::identity()).unwrap() < 0.0);
         assert_eq!(at(&turned), None);
+    }
+
+    #[test]
+    fn a_table_that_is_seen_ten_times_as_thinly_as_the_part_is_a_wall_and_strays_are_none() {
+        let mut state = 7u64;
+        let mut random = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 40) as f32 / (1u64 << 24) as f32
+        };
+        let part = |i: usize| Point3::new((i % 150) as f32, (i / 150) as f32, 0.0);
+        let dense: Vec<Point3<f32>> = (0..150 * 150).map(part).collect();
+        let table: Vec<Point3<f32>> = (0..900)
+            .map(|i| {
+                let at = |k: usize, noise: f32| 12.0 * k as f32 + 6.0 * noise;
+                Point3::new(200.0 + at(i % 30, random()), at(i / 30, random()), 0.6 * random())
+            })
+            .collect();
+        let strays: Vec<Point3<f32>> = (0..450)
+            .map(|_| Point3::new(300.0 * random() - 80.0, 300.0 * random(), 20.0 + 280.0 * random()))
+            .collect();
+        let kept = surface(&[dense.clone(), table, strays].concat());
+        let of = |is: fn(&&Point3<f32>) -> bool| kept.iter().filter(is).count();
+        assert_eq!(of(|p| p.x < 190.0 && p.z < 10.0), dense.len());
+        assert!(of(|p| p.x > 199.0 && p.z < 10.0) > 850, "{}", of(|p| p.x > 199.0 && p.z < 10.0));
+        assert!(of(|p| p.z > 15.0) < 5, "{}", of(|p| p.z > 15.0));
     }
 
     #[test]
