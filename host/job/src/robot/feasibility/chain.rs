@@ -200,7 +200,7 @@ mod tests {
                 let carried = chain.carried(&joints);
                 let of = |link: usize| chain.capsules.iter().filter(move |capsule| capsule.link == link);
                 for link in 0..6 {
-                    let end = carried[link] * of(link).last().unwrap().ends_mm[1];
+                    let end = carried[link] * of(link).next_back().unwrap().ends_mm[1];
                     let begin = carried[link + 1] * of(link + 1).next().unwrap().ends_mm[0];
                     prop_assert!((end - begin).norm() < 2.0 * SAME_MM, "{name}, link {link}");
                 }

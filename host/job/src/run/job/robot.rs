@@ -213,7 +213,11 @@ impl RobotSettings {
             ));
         };
         let home_rad = counting.from_shown_rad(&home_deg);
-        let beyond = |j: &usize| !(arm.limits.margin_rad(*j, home_rad[*j]) >= 0.0);
+        // NaN is beyond any limit, too.
+        let beyond = |j: &usize| {
+            let margin_rad = arm.limits.margin_rad(*j, home_rad[*j]);
+            margin_rad.is_nan() || margin_rad < 0.0
+        };
         let joint = (0..6).find(beyond)?;
         Some((
             "home_deg",
