@@ -123,6 +123,14 @@ MUTANTS_TARGET_DIR="$PWD/target" tests/mutants.sh --check
 say "build of the product and of all tests, as it is shipped"
 cargo test $packages --release --no-run
 
+say "links of the arm, by a peer in Python"
+peer=target/peer
+if python3 -m venv $peer && $peer/bin/pip install --quiet numpy scipy ur-analytic-ik==0.1.0.post3 py-opw-kinematics==1.3.0; then
+    $peer/bin/python tests/arm_links_peer.py target/release/weldpath
+else
+    echo "!! NOT CHECKED: python3 -m venv and pip did not install the peer's packages"
+fi
+
 say "firmware, begun beside the lints: emulated board, STM32F407, lints"
 joined firmware
 

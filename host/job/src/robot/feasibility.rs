@@ -98,7 +98,7 @@ pub enum Oddity {
     ElbowBelow,
     /// It reaches backwards over itself.
     ReachesBack,
-    /// The wrist is bent by less than [`LEAST_BEND_DEG`].
+    /// The wrist is bent by less than 10 degrees.
     WristStraight,
 }
 
