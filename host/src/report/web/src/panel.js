@@ -25,14 +25,15 @@ export function head() {
 
 // What may be done with the program, before all else.
 export function verdict(onSelect) {
-  const { state, reasons } = content.summary.verdict;
+  const { state, reasons, limits } = content.summary.verdict;
   const item = (reason) => el("li", { class: reason.accepted ? "accepted" : "" },
     el("code", {}, reason.id), reason.accepted ? TEXTS.accepted : " ", sentence(reason.words), " ",
     seams.some((seam) => seam.id === reason.seam) && el("button", { type: "button", onclick: () => onSelect(reason.seam) }, TEXTS.seam(reason.seam)));
   $("verdict").hidden = false;
   $("verdict").classList.remove(...Object.keys(TEXTS.states));
   $("verdict").classList.add(state);
-  $("verdict").replaceChildren(el("h2", {}, TEXTS.states[state]), reasons.length ? el("ul", {}, reasons.map(item)) : "");
+  $("verdict").replaceChildren(el("h2", {}, TEXTS.states[state]), reasons.length ? el("ul", {}, reasons.map(item)) : "",
+    ...limits.map((line) => el("p", { class: "soft" }, sentence(line))));
 }
 
 function tile(value, words, state = "") {
