@@ -137,7 +137,7 @@ fn a_mutated_module_is_refused() {
         ("$OUT[6]=$FLAG[902]\n", "", "without gas"),
         ("LIN XP2\n", "LIN XP3\n", "away"),
         ("ENDWHILE\n", "", "ENDWHILE is missing"),
-        ("LOOP\nHALT\nENDLOOP\n", "LOOP\nENDLOOP\n", ""),
+        ("LOOP\n         HALT\n      ENDLOOP\n", "LOOP\n      ENDLOOP\n", ""),
     ];
     refuses(&files, &mutations[..24], |files| program(files, waypoints));
     let (from, to, _) = mutations[24];
@@ -289,26 +289,21 @@ fn without_the_submit_interpreter_or_with_alarm_stop_reversed_nothing_is_welded(
 
 #[test]
 fn a_module_that_is_unsafe_when_it_stops_is_refused() {
-    let stop =
-        "IF NOT $PRO_ACT OR NOT $ALARM_STOP OR $STOPMESS THEN\n$FLAG[901]=FALSE\n$FLAG[902]=FALSE\nENDIF\n";
+    let stop = "IF NOT $PRO_ACT OR NOT $ALARM_STOP OR $STOPMESS THEN\n   $FLAG[901]=FALSE\n   $FLAG[902]=FALSE\nENDIF\n";
     let strike = "$FLAG[901]=TRUE\n";
     let waits = format!("{strike}WAIT SEC 0.3\n");
     let mutations = [
         (stop, "", "the arc is on"),
-        ("$OUT[1]=$FLAG[901]", "$OUT[1]=$FLAG[901] AND $PRO_ACT", ""),
         ("INTERRUPT ON 20\n", "", "without"),
         ("$FLAG[903]=TRUE\n", "", "without"),
         ("$PRO_ACT AND NOT $FLAG[905]", "TRUE", ""),
         (waits.as_str(), strike, "HALT"),
         (strike, "$OUT[1]=TRUE\n", "would keep its state"),
-        ("LOOP\nHALT\nENDLOOP\n", "", ""),
         ("BRAKE F\n", "BRAKE\n", "unknown statement"),
     ];
     let good = short(false);
-    refuses(&good, &mutations[..1], |files| stops(files, false));
-    refuses(&good, &mutations[2..7], |files| stops(files, false));
-    refuses(&good, &mutations[8..], |files| stops(files, false));
-    let unlatched = stop.replace("$FLAG[901]=FALSE\n$FLAG[902]=FALSE\n", "");
+    refuses(&good, &mutations, |files| stops(files, false));
+    let unlatched = stop.replace("   $FLAG[901]=FALSE\n   $FLAG[902]=FALSE\n", "");
     let rises = [
         (stop, unlatched.as_str()),
         ("$OUT[1]=$FLAG[901]", "$OUT[1]=$FLAG[901] AND $PRO_ACT"),

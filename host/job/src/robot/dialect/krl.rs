@@ -54,7 +54,7 @@ pub fn write(waypoints: &[Waypoint], setup: &ProgramSetup) -> Result<Vec<File>, 
     let parts = parts(&moves, MOST_MOVES, "KRL")?;
     let name = &setup.name;
     let joints = setup.joints(Dialect::Kuka, waypoints.len());
-    let submit = File::new(format!("{name}_sps.txt"), submit(setup));
+    let submit = File::new(format!("{name}_sps.txt"), indented(&submit(setup)));
     if let [] | [_] = parts.as_slice() {
         let body = motions(name, &moves, 0, joints.as_ref());
         return Ok(vec![source(name, &main(setup, joints.as_ref(), &body)), data(name, &moves), submit]);
@@ -72,7 +72,20 @@ pub fn write(waypoints: &[Waypoint], setup: &ProgramSetup) -> Result<Vec<File>, 
 }
 
 fn source(name: &str, body: &str) -> File {
-    File::new(format!("{name}.src"), format!("&ACCESS RVP\n&REL 1\n{body}"))
+    File::new(format!("{name}.src"), format!("&ACCESS RVP\n&REL 1\n{}", indented(body)))
+}
+
+/// Lines of a block stand three columns to the right of its first.
+fn indented(text: &str) -> String {
+    let (mut lines, mut depth) = (String::new(), 0usize);
+    for line in text.lines() {
+        let word = line.split(' ').next().unwrap_or_default();
+        let closes = matches!(word, "ENDIF" | "ENDWHILE" | "ENDLOOP" | "ELSE");
+        depth = depth.saturating_sub(usize::from(closes));
+        lines.extend(std::iter::repeat_n("   ", depth).chain([line, "\n"]));
+        depth += usize::from(matches!(word, "IF" | "WHILE" | "LOOP" | "ELSE"));
+    }
+    lines
 }
 
 /// The points; in the main module of a divided program there are none.
