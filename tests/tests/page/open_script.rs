@@ -262,6 +262,11 @@ fn weave_check_and_export(bench: &mut Bench) {
     bench.undo_says("weave.amplitude_mm");
     bench.page.set("robot.model", "ur10e");
     bench.undo_says("robot.model");
+    // It stands amid the work and cannot run the program: a person has to say that this is known.
+    let infeasible = "document.querySelector('#verdict [data-reason=\"infeasible\"]')";
+    bench.page.settle(infeasible);
+    bench.page.browser.evaluate(&format!("{infeasible}.click()"));
+    bench.undo_says("accept infeasible");
     bench.page.browser.evaluate("document.querySelector('#settings [data-key=\"formats.abb\"]').click()");
     bench.undo_says("formats");
     bench.page.plan();

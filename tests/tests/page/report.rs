@@ -413,7 +413,7 @@ fn the_drawn_arm_holds_the_torch_wherever_the_player_stands_and_is_not_drawn_bey
         assert!(absent.iter().all(|tip| tip[2].as_str().unwrap().contains(&said)), "{absent:?}");
         assert!(drawn.len() > 10, "{model}");
         let legend = browser.evaluate("document.getElementById('legend').textContent");
-        assert!(legend.as_str().unwrap().contains("drawn, not checked"), "{legend}");
+        assert!(legend.as_str().unwrap().contains("checked against what was scanned only"), "{legend}");
         let answer = browser.evaluate(PROBE);
         assert!(browser.console().is_empty(), "{:?}", browser.console());
         assert!(answer["drawCalls"].as_f64().unwrap() <= 40.0, "{}", answer["drawCalls"]);
