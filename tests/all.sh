@@ -125,10 +125,11 @@ cargo test $packages --release --no-run
 
 say "links of the arm, by a peer in Python"
 peer=target/peer
-if python3 -m venv $peer && $peer/bin/pip install --quiet numpy scipy ur-analytic-ik==0.1.0.post3 py-opw-kinematics==1.3.0; then
+if python3 -m venv $peer && $peer/bin/pip install --quiet numpy scipy ur-analytic-ik==0.1.0.post3 py-opw-kinematics==1.3.0 &&
+    $peer/bin/python -c 'import tomllib; from scipy.spatial.transform import RigidTransform'; then
     $peer/bin/python tests/arm_links_peer.py target/release/weldpath
 else
-    echo "!! NOT CHECKED: python3 -m venv and pip did not install the peer's packages"
+    echo "!! NOT CHECKED: it needs Python 3.11, python3 -m venv, and the peer's packages from pip"
 fi
 
 say "firmware, begun beside the lints: emulated board, STM32F407, lints"
