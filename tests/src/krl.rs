@@ -301,25 +301,32 @@ fn expression(text: &str) -> Result<Expression, String> {
     Ok(all)
 }
 
-fn either<'a>(words: &'a [&'a str]) -> Result<(Expression, &'a [&'a str]), String> {
-    let (mut left, mut rest) = both(words)?;
-    while let Some((&"OR", more)) = rest.split_first() {
-        let (right, after) = both(more)?;
-        (left, rest) = (Expression::Or(Box::new(left), Box::new(right)), after);
+type Parsed<'a> = Result<(Expression, &'a [&'a str]), String>;
+
+fn either<'a>(words: &'a [&'a str]) -> Parsed<'a> {
+    joined(words, "OR", both, Expression::Or)
+}
+
+fn both<'a>(words: &'a [&'a str]) -> Parsed<'a> {
+    joined(words, "AND", atom, Expression::And)
+}
+
+/// What `inner` reads, once or with a word between.
+fn joined<'a>(
+    words: &'a [&'a str],
+    word: &str,
+    inner: fn(&'a [&'a str]) -> Parsed<'a>,
+    join: fn(Box<Expression>, Box<Expression>) -> Expression,
+) -> Parsed<'a> {
+    let (mut left, mut rest) = inner(words)?;
+    while let Some((_, more)) = rest.split_first().filter(|(next, _)| **next == word) {
+        let (right, after) = inner(more)?;
+        (left, rest) = (join(Box::new(left), Box::new(right)), after);
     }
     Ok((left, rest))
 }
 
-fn both<'a>(words: &'a [&'a str]) -> Result<(Expression, &'a [&'a str]), String> {
-    let (mut left, mut rest) = atom(words)?;
-    while let Some((&"AND", more)) = rest.split_first() {
-        let (right, after) = atom(more)?;
-        (left, rest) = (Expression::And(Box::new(left), Box::new(right)), after);
-    }
-    Ok((left, rest))
-}
-
-fn atom<'a>(words: &'a [&'a str]) -> Result<(Expression, &'a [&'a str]), String> {
+fn atom<'a>(words: &'a [&'a str]) -> Parsed<'a> {
     let (&word, rest) = words.split_first().ok_or("an expression ends early")?;
     if word == "NOT" {
         let (inner, rest) = atom(rest)?;

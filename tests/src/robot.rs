@@ -107,10 +107,9 @@ pub fn check_standing(
     require(same, || format!("joints {:?}, not {wanted:?}", ran.joints))?;
     let asked: &[usize] = if home { &[] } else { &[0] };
     require(ran.asked == asked, || format!("asks at {:?}, not at {asked:?}", ran.asked))?;
-    let torch: Matrix3<f64> = waypoints[0].base_from_torch.to_rotation_matrix().into_inner();
     let reached = Step {
         position_mm: waypoints[0].position_mm.coords,
-        base_from_tool: Matrix3::from_columns(&[-torch.column(0), torch.column(1).into(), -torch.column(2)]),
+        base_from_tool: tool(&waypoints[0]),
         speed_mm_s: None,
         stops: true,
         blend_mm: 0.0,
@@ -157,11 +156,14 @@ fn welds(waypoints: &[Waypoint], i: usize) -> bool {
 fn pose(step: &Step, waypoint: &Waypoint, tolerance: &Tolerance) -> Result<(), String> {
     let away_mm = (step.position_mm - waypoint.position_mm.coords).norm();
     require(away_mm < tolerance.position_mm, || format!("ends {away_mm} mm away"))?;
-    // Tool (x, y, z) = (-o, m, -n).
-    let torch: Matrix3<f64> = waypoint.base_from_torch.to_rotation_matrix().into_inner();
-    let tool = Matrix3::from_columns(&[-torch.column(0), torch.column(1).into(), -torch.column(2)]);
-    let turned_rad = (step.base_from_tool - tool).norm() / std::f64::consts::SQRT_2;
+    let turned_rad = (step.base_from_tool - tool(waypoint)).norm() / std::f64::consts::SQRT_2;
     require(turned_rad < tolerance.rotation_rad, || format!("is turned by {turned_rad} rad"))
+}
+
+/// Tool (x, y, z) = (-o, m, -n).
+pub fn tool(waypoint: &Waypoint) -> Matrix3<f64> {
+    let torch: Matrix3<f64> = waypoint.base_from_torch.to_rotation_matrix().into_inner();
+    Matrix3::from_columns(&[-torch.column(0), torch.column(1).into(), -torch.column(2)])
 }
 
 /// Amid a seam the robot does not stop and cuts no corner beyond half a segment; elsewhere it arrives.

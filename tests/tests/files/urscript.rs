@@ -2,13 +2,13 @@
 
 use std::path::Path;
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 use weldpath::robot::dialect::Dialect;
 use weldpath::run::job::Job;
 use weldpath::run::postprocessing::{Output, postprocess};
 use weldpath::weld::program::{Kind, Waypoint};
 use weldpath_tests::plans;
-use weldpath_tests::robot::{HOME_DEG, STEP_S, Stop, standing, standing_as};
+use weldpath_tests::robot::{self, HOME_DEG, STEP_S, Stop, standing, standing_as};
 use weldpath_tests::urscript::{Event, Inputs, Move, Program, Resumed, Robot, run};
 
 const JOB: &str = r#"
@@ -67,10 +67,7 @@ fn poses_equal(moves: &[&Move], waypoints: &[Waypoint]) -> Result<(), String> {
     for (i, (a_move, waypoint)) in moves.iter().zip(waypoints).enumerate() {
         let away_mm = (a_move.position_m * 1e3 - waypoint.position_mm.coords).norm();
         require(away_mm < 1e-4, || format!("move {i} ends {away_mm} mm away"))?;
-        // Tool (x, y, z) = (-o, m, -n).
-        let torch: Matrix3<f64> = waypoint.base_from_torch.to_rotation_matrix().into_inner();
-        let tool = Matrix3::from_columns(&[-torch.column(0), torch.column(1).into(), -torch.column(2)]);
-        let turned_rad = (a_move.rotation() - tool).norm() / std::f64::consts::SQRT_2;
+        let turned_rad = (a_move.rotation() - robot::tool(waypoint)).norm() / std::f64::consts::SQRT_2;
         require(turned_rad < 1e-4, || format!("move {i} is turned by {turned_rad} rad"))?;
         let feed_off = (a_move.speed * 1e3 - waypoint.feed_mm_s).abs();
         // Eight decimals of metres per second.

@@ -18,8 +18,7 @@ pub struct ArmDrawing {
     base_from_robot: Pose,
     /// A place on the axis of each joint, mm, and its direction.
     axes: [[f64; 6]; 6],
-    /// What stands still, then what each joint carries.
-    /// Ends and radius of each capsule.
+    /// Of what stands still, then of what each joint carries: ends and radius of each capsule.
     links_mm: [Vec<[f64; 7]>; 7],
     robot_from_tcp: Pose,
     /// For each waypoint of the page the joints along the move to it, rad; none where the arm reaches none.

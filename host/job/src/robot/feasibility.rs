@@ -156,11 +156,11 @@ pub(crate) fn assess(program: &Rewelded, model: &PointCloud, setup: &Feasibility
     let mut problems = checker.problems(&waypoints, &checks);
     problems.extend(checker.ways_of_home(&waypoints, &checks));
     let suggestions = suggestion::tried(&checker, program, &problems);
-    let robot = setup.robot.as_ref();
+    let links = checker.links.as_ref();
     Report {
-        robot: robot.map(|robot| robot.arm.name.clone()),
-        floor_mm: checker.links.as_ref().and_then(|links| links.floor_mm),
-        posture: checker.links.as_ref().and_then(|links| links.posture(&checks)),
+        robot: links.map(|links| links.robot.arm.name.clone()),
+        floor_mm: links.and_then(|links| links.floor_mm),
+        posture: links.and_then(|links| links.posture(&checks)),
         motion: way.map(|way| motion(&stations, way, waypoints.len())).unwrap_or_default(),
         checks,
         problems,
@@ -273,18 +273,17 @@ impl<'a> Checker<'a> {
     /// The deepest touch of links and torch while all joints turn evenly.
     fn touch_between(&self, links: &Links, from: &Joints, to: &Joints) -> Option<Touch> {
         let steps = links.steps_between(from, to);
-        let at = |k: usize| std::array::from_fn(|j| from[j] + (to[j] - from[j]) * k as f64 / steps as f64);
         let touches = (0..=steps).into_par_iter().filter_map(|k| {
-            let joints_rad = at(k);
+            let joints_rad = links::between(from, to, k as f64 / steps as f64);
             let torch = self.clearance_mm(&links.station(&joints_rad)).filter(|mm| *mm < 0.0);
             let torch = torch.map(|mm| Touch {
                 link: links::TORCH_LINK,
                 obstacle: links::Obstacle::Work,
                 depth_mm: -mm,
             });
-            links.touch(&joints_rad).into_iter().chain(torch).max_by(|a, b| a.depth_mm.total_cmp(&b.depth_mm))
+            links::deepest(links.touch(&joints_rad).into_iter().chain(torch))
         });
-        touches.max_by(|a, b| a.depth_mm.total_cmp(&b.depth_mm))
+        links::deepest(touches.collect::<Vec<_>>())
     }
 }
 
@@ -311,7 +310,7 @@ impl JointCheck {
             dexterity: self.dexterity.min(later.dexterity),
             step_rad: self.step_rad.max(later.step_rad),
             speed_share: self.speed_share.max(later.speed_share),
-            touch: links::deeper(self.touch, later.touch),
+            touch: links::deepest(self.touch.into_iter().chain(later.touch)),
             odd: self.odd.or(later.odd),
         }
     }

@@ -1,5 +1,8 @@
 //! How the arm stands along a program, as its controller counts joints, for the programs that say so.
 
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
 /// Along a whole program: one continuous motion of the joints, on one branch within each weld.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlannedPosture {
@@ -25,12 +28,14 @@ pub struct Stance {
 }
 
 /// What follows the last waypoint.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+#[schemars(rename = "EndSetting")]
 pub enum ProgramEnd {
     /// The arm stays there.
     #[default]
     Stay,
-    /// It goes home by joints, on a way that was checked.
+    /// It goes home by joints.
     Home,
 }
 

@@ -361,7 +361,7 @@ impl Job {
             let arm = robot.arm()?;
             let home = |counting: Counting| Some(counting.from_shown_rad(&robot.home_deg?));
             let home_rad = arm.counting.and_then(home);
-            let (base_from_robot, floor, end) = (robot.base_from_robot(), robot.floor(), robot.program_end());
+            let (base_from_robot, floor, end) = (robot.base_from_robot(), robot.floor(), robot.end);
             Some(PlacedArm { arm, base_from_robot, flange_from_tcp, floor, home_rad, end })
         });
         let clearance_mm = self.torch_body.unwrap_or_default().keep_off_mm;

@@ -179,7 +179,7 @@ fn submit(setup: &ProgramSetup) -> String {
             .into(),
         "there would be no arc at all.".into(),
     ]);
-    let out = format!("$FLAG[{}]=FALSE\n$FLAG[{}]=FALSE\n", flag::ARC, flag::GAS);
+    let out = off(&[flag::ARC, flag::GAS]);
     text.push_str(&format!("IF NOT $PRO_ACT OR NOT $ALARM_STOP OR $STOPMESS THEN\n{out}ENDIF\n"));
     let begun = if gas.is_some() { flag::GAS } else { flag::ARC };
     let mut broken = format!("($FLAG[{}] AND NOT $FLAG[{begun}])", flag::WELD);
@@ -198,9 +198,11 @@ fn submit(setup: &ProgramSetup) -> String {
 }
 
 fn flags_off() -> String {
-    [flag::WELD, flag::ESTABLISHED, flag::ARC, flag::GAS]
-        .map(|flag| format!("$FLAG[{flag}]=FALSE\n"))
-        .concat()
+    off(&[flag::WELD, flag::ESTABLISHED, flag::ARC, flag::GAS])
+}
+
+fn off(flags: &[u32]) -> String {
+    flags.iter().map(|flag| format!("$FLAG[{flag}]=FALSE\n")).collect()
 }
 
 /// Everything off, for good: pressing start again does not weld on.

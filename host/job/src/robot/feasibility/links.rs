@@ -11,7 +11,7 @@ use super::body::BEHIND_THE_WRIST;
 use super::branch::{self, Stand, Way};
 use super::chain::{Capsule, LinkChain};
 use super::moves::Station;
-use super::torch::{Obstacles, Torch};
+use super::torch::{Obstacles, Thinned, Torch};
 use super::{Check, Floor, JointCheck, Oddity, PlacedArm, torch_from_tool};
 use crate::robot::posture::{PlannedPosture, Stance};
 
@@ -55,9 +55,14 @@ pub struct Touch {
     pub depth_mm: f64,
 }
 
-/// The deeper of two touches.
-pub(super) fn deeper(one: Option<Touch>, other: Option<Touch>) -> Option<Touch> {
-    one.into_iter().chain(other).max_by(|a, b| a.depth_mm.total_cmp(&b.depth_mm))
+/// The deepest of some touches.
+pub(super) fn deepest(touches: impl IntoIterator<Item = Touch>) -> Option<Touch> {
+    touches.into_iter().max_by(|a, b| a.depth_mm.total_cmp(&b.depth_mm))
+}
+
+/// A share of the way between two stands of the joints, all of which turn evenly.
+pub(super) fn between(from_rad: &Joints, to_rad: &Joints, share: f64) -> Joints {
+    std::array::from_fn(|j| from_rad[j] + (to_rad[j] - from_rad[j]) * share)
 }
 
 /// A wrist that is bent by less is near its singularity, degrees.
@@ -68,7 +73,7 @@ pub(super) struct Links<'a> {
     pub(super) robot: &'a PlacedArm,
     chain: LinkChain,
     ahead: Vector3<f64>,
-    work: &'a Obstacles,
+    work: Thinned,
     /// What holds the torch, and the torch, in the flange's frame.
     torch: Vec<Capsule>,
     cable_radius_mm: f64,
@@ -76,7 +81,8 @@ pub(super) struct Links<'a> {
 }
 
 impl<'a> Links<'a> {
-    pub(super) fn new(robot: &'a PlacedArm, torch: &Torch, work: &'a Obstacles) -> Self {
+    pub(super) fn new(robot: &'a PlacedArm, torch: &Torch, work: &Obstacles) -> Self {
+        let work = Thinned::new(work);
         let mounting_mm = robot.base_from_robot * Point3::new(0.0, 0.0, robot.arm.body.mounting_mm);
         let floor_mm = match robot.floor {
             Floor::Mounting => Some(work.lowest_mm().map_or(mounting_mm.z, |mm| mm.min(mounting_mm.z))),
@@ -92,16 +98,17 @@ impl<'a> Links<'a> {
     /// The motion of the joints along the stations that has least against it.
     pub(super) fn follow(&self, stations: &[Station]) -> Way {
         let poses: Vec<_> = stations.iter().map(|station| self.robot.robot_from_flange(station)).collect();
-        let judge = |joints_rad: &Joints| Stand {
-            touches: self.touch(joints_rad).is_some(),
-            odd: self.oddity(joints_rad).is_some(),
+        let judge = |joints_rad: &Joints| {
+            let carried = self.chain.carried(joints_rad);
+            let touches = self.touch_of(&carried).is_some();
+            Stand { touches, odd: self.oddity_of(&carried, joints_rad).is_some() }
         };
         branch::follow(&self.robot.arm, &poses, judge)
     }
 
     /// How the arm stands there that nobody would have it stand.
-    pub(super) fn oddity(&self, joints_rad: &Joints) -> Option<Oddity> {
-        let (front, elbow_up) = self.chain.stance(&self.chain.carried(joints_rad), &self.ahead);
+    fn oddity_of(&self, carried: &[Isometry3<f64>; 7], joints_rad: &Joints) -> Option<Oddity> {
+        let (front, elbow_up) = self.chain.stance(carried, &self.ahead);
         let straight = self.robot.arm.wrist_bend(joints_rad) < LEAST_BEND_DEG.to_radians().sin();
         let oddities = [
             (!elbow_up, Oddity::ElbowBelow),
@@ -141,8 +148,8 @@ impl<'a> Links<'a> {
         // A joint that turns far may bring the links back to where they were: the way is measured by parts.
         let turn_rad = (0..6).map(|j| (to_rad[j] - from_rad[j]).abs()).fold(0.0, f64::max);
         let parts = (turn_rad / branch::JUMP_RAD).ceil().max(1.0);
-        let at = |k: f64| std::array::from_fn(|j| from_rad[j] + (to_rad[j] - from_rad[j]) * k / parts);
-        let part_mm = |k: usize| self.largest_way_mm(&at(k as f64), &at((k + 1) as f64));
+        let at = |k: usize| between(from_rad, to_rad, k as f64 / parts);
+        let part_mm = |k: usize| self.largest_way_mm(&at(k), &at(k + 1));
         let way_mm = parts * (0..parts.min(1e3) as usize).map(part_mm).fold(0.0, f64::max);
         (way_mm / self.robot.arm.body.least_radius_mm()).ceil().clamp(1.0, 10_000.0) as usize
     }
@@ -185,7 +192,7 @@ impl<'a> Links<'a> {
         let speed_share = before.filter(|_| time_s > 0.0).map_or(0.0, share);
         let dexterity = if fully { self.robot.arm.dexterity(&joints) } else { 1.0 };
         let touch = before.map_or_else(|| self.touch(&joints), |before| self.touch_to(&before, &joints));
-        let odd = self.oddity(&joints);
+        let odd = self.oddity_of(&self.chain.carried(&joints), &joints);
         JointCheck { joints_rad: joints, margin_rad, dexterity, step_rad: 0.0, speed_share, touch, odd }
     }
 
@@ -196,23 +203,22 @@ impl<'a> Links<'a> {
             return self.touch(joints);
         }
         let steps = self.steps_between(before, joints);
-        let at =
-            |k: usize| std::array::from_fn(|j| before[j] + (joints[j] - before[j]) * k as f64 / steps as f64);
-        (1..=steps)
-            .filter_map(|k| self.touch(&at(k)))
-            .reduce(|a, b| if b.depth_mm > a.depth_mm { b } else { a })
+        deepest((1..=steps).filter_map(|k| self.touch(&between(before, joints, k as f64 / steps as f64))))
     }
 
     /// The deepest touch where the joints stand so.
     pub(super) fn touch(&self, joints_rad: &Joints) -> Option<Touch> {
-        let carried = self.chain.carried(joints_rad);
+        self.touch_of(&self.chain.carried(joints_rad))
+    }
+
+    fn touch_of(&self, carried: &[Isometry3<f64>; 7]) -> Option<Touch> {
         let flange = carried[6] * self.chain.base_from_flange;
         let robot: Vec<Capsule> =
             self.chain.capsules.iter().map(|capsule| capsule.moved(&carried[capsule.link])).collect();
         let torch: Vec<Capsule> = self.torch.iter().map(|capsule| capsule.moved(&flange)).collect();
         let own = self.own_touches(&robot, &torch);
         let others = robot.iter().chain(&torch).flat_map(|capsule| self.outer_touches(capsule));
-        own.chain(others).max_by(|a, b| a.depth_mm.total_cmp(&b.depth_mm))
+        deepest(own.chain(others))
     }
 
     fn link(&self, index: usize) -> Link {

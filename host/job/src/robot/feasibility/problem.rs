@@ -1,6 +1,6 @@
 //! What stands against running a program, seam by seam, in words.
 
-use super::links::{Obstacle, Touch, deeper};
+use super::links::{Obstacle, Touch, deepest};
 use super::{Check, FeasibilitySetup, Oddity, branch};
 use weldpath_method::weld::program::Waypoint;
 
@@ -95,7 +95,7 @@ pub(super) fn found(waypoints: &[Waypoint], checks: &[Check], setup: &Feasibilit
                     known.last = i;
                     known.worst =
                         if kind.more_is_worse() { known.worst.max(worst) } else { known.worst.min(worst) };
-                    known.touch = deeper(known.touch, touch);
+                    known.touch = deepest(known.touch.into_iter().chain(touch));
                 }
                 None => {
                     problems.push(Problem { kind, seam: owners[i], first: i, last: i, worst, touch, odd })

@@ -13,6 +13,7 @@ use super::torch_from_tool;
 use rayon::prelude::*;
 use weldpath_method::geometry::cloud::PointCloud;
 use weldpath_method::geometry::grid::Grid;
+use weldpath_method::geometry::statistics::median;
 use weldpath_method::weld::air::terrain::Ball;
 
 /// Sizes of a torch, mm. Its axis is the torch axis `n`; the body behind the neck may be bent away from the travel.
@@ -142,9 +143,13 @@ impl Section {
 pub(super) struct Obstacles {
     origin_mm: Point3<f64>,
     grid: Grid,
-    /// One point in each cell of [`LINK_STEP_MM`], for what is thicker than a torch.
-    thinned: Grid,
-    /// Box around the thinned points.
+}
+
+/// One of them in each cell of [`LINK_STEP_MM`], for links, which are thicker than a torch.
+pub(super) struct Thinned {
+    origin_mm: Point3<f64>,
+    grid: Grid,
+    /// Box around them.
     corners_mm: [Point3<f32>; 2],
 }
 
@@ -152,17 +157,15 @@ pub(super) struct Obstacles {
 const LINK_STEP_MM: f32 = 6.0;
 const LINK_CELL_MM: f32 = 40.0;
 
-impl Obstacles {
-    pub(super) fn new(model: &PointCloud) -> Self {
-        let points_mm = surface(&model.points_mm);
-        let grid = Grid::new(&points_mm, CELL_MM);
+impl Thinned {
+    pub(super) fn new(Obstacles { origin_mm, grid }: &Obstacles) -> Self {
         let mut taken = HashSet::new();
         let cell = |p: &Point3<f32>| [p.x, p.y, p.z].map(|v| (v / LINK_STEP_MM).floor() as i32);
-        let thinned: Vec<Point3<f32>> =
-            points_mm.into_iter().filter(|point| taken.insert(cell(point))).collect();
+        let points = (0..grid.len()).map(|slot| grid.point(slot));
+        let points: Vec<Point3<f32>> = points.filter(|point| taken.insert(cell(point))).collect();
         let [low, high] = [f32::INFINITY, f32::NEG_INFINITY].map(|v| Point3::from(Vector3::repeat(v)));
-        let corners_mm = thinned.iter().fold([low, high], |[low, high], p| [low.inf(p), high.sup(p)]);
-        Self { origin_mm: model.origin_mm, grid, thinned: Grid::new(&thinned, LINK_CELL_MM), corners_mm }
+        let corners_mm = points.iter().fold([low, high], |[low, high], p| [low.inf(p), high.sup(p)]);
+        Self { origin_mm: *origin_mm, grid: Grid::new(&points, LINK_CELL_MM), corners_mm }
     }
 
     /// Height of the lowest scanned surface, mm; none of an empty scan.
@@ -179,7 +182,7 @@ impl Obstacles {
         let reach = Vector3::repeat(radius);
         let (near, far) = (from.inf(&to) - reach, from.sup(&to) + reach);
         let apart = (0..3).any(|i| near[i] > high[i] || far[i] < low[i]);
-        if apart || self.thinned.is_empty() {
+        if apart || self.grid.is_empty() {
             return None;
         }
         let pieces = (along.norm() / (2.0 * radius)).ceil().max(1.0);
@@ -189,14 +192,20 @@ impl Obstacles {
         for k in 0..pieces as usize {
             let middle = from + half * (2 * k + 1) as f32;
             // The round ends reach farther than the middle's rim.
-            self.thinned.within(&middle, half.norm() + radius, |slot, _| {
-                let offset = self.thinned.point(slot) - from;
+            self.grid.within(&middle, half.norm() + radius, |slot, _| {
+                let offset = self.grid.point(slot) - from;
                 let share = (offset.dot(&along) / squared).clamp(0.0, 1.0);
                 keep(&mut nearest, slot, f64::from((offset - along * share).norm()));
             });
         }
         let [.., (slot, last)] = nearest;
         (slot != usize::MAX).then_some(radius_mm - last)
+    }
+}
+
+impl Obstacles {
+    pub(super) fn new(model: &PointCloud) -> Self {
+        Self { origin_mm: model.origin_mm, grid: Grid::new(&surface(&model.points_mm), CELL_MM) }
     }
 
     /// Distance between the torch and the scanned points, mm; negative inside. None if nothing is within [`SIGHT_MM`].
@@ -261,9 +270,7 @@ fn spacing_mm(points_mm: &[Point3<f32>]) -> f32 {
         let point = points_mm[k * points_mm.len() / SAMPLED];
         nearest(&grid, &point, NEIGHBOURS).last().map_or(0.0, |far| (grid.point(*far) - point).norm())
     };
-    let mut reach_mm: Vec<f32> = (0..SAMPLED).into_par_iter().map(reach_mm).collect();
-    reach_mm.sort_by(f32::total_cmp);
-    reach_mm[SAMPLED / 2]
+    median(&mut (0..SAMPLED).into_par_iter().map(reach_mm).collect::<Vec<f32>>())
 }
 
 /// Whether each slot has its neighbours within reach.
@@ -447,7 +454,7 @@ mod tests {
                 .flat_map(|y| (-10..=10).map(move |z| Point3::new(x, 3.0 * y as f32, 3.0 * z as f32)))
                 .collect();
             let normals = vec![Vector3::x(); points_mm.len()];
-            Obstacles::new(&PointCloud { origin_mm: Point3::origin(), points_mm, normals })
+            Thinned::new(&Obstacles::new(&PointCloud { origin_mm: Point3::origin(), points_mm, normals }))
         };
         let bar = |from: f64, to: f64| [Point3::new(from, 0.0, 0.0), Point3::new(to, 0.0, 0.0)];
         for (ends_mm, x, depth_mm) in

@@ -32,7 +32,7 @@ pub struct RobotSettings {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub home_deg: Option<[f64; 6]>,
     /// What follows the last waypoint: the arm stays, or goes home.
-    pub end: EndSetting,
+    pub end: ProgramEnd,
     /// `"controller"`: the joints of `opw` count as its controller's, so that programs may name them.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub joints: Option<JointCounting>,
@@ -57,17 +57,6 @@ pub enum FloorHeight {
 pub enum NoFloor {
     /// No floor.
     None,
-}
-
-/// What follows the last waypoint.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum EndSetting {
-    /// The arm stays there.
-    #[default]
-    Stay,
-    /// It goes home by joints.
-    Home,
 }
 
 /// Whose counting of joints.
@@ -202,7 +191,7 @@ impl RobotSettings {
 
     fn home_fault(&self) -> Option<Fault> {
         let Some(home_deg) = self.home_deg else {
-            let asks = self.end == EndSetting::Home;
+            let asks = self.end == ProgramEnd::Home;
             return asks.then(|| ("end", "to end at home the job has to say where that is: home_deg".into()));
         };
         let arm = self.arm()?;
@@ -235,14 +224,6 @@ impl RobotSettings {
             None => Floor::Mounting,
             Some(FloorHeight::At(z_mm)) => Floor::At(z_mm),
             Some(FloorHeight::None(NoFloor::None)) => Floor::None,
-        }
-    }
-
-    /// What follows the last waypoint.
-    pub(super) fn program_end(&self) -> ProgramEnd {
-        match self.end {
-            EndSetting::Stay => ProgramEnd::Stay,
-            EndSetting::Home => ProgramEnd::Home,
         }
     }
 
