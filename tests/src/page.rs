@@ -90,6 +90,24 @@ impl Page {
         ));
     }
 
+    /// Looks at the work from above, in the middle of the window; the picture has the size of its frame when this ends.
+    pub fn look_from_above(&mut self) {
+        self.browser.evaluate(
+            "(() => { document.getElementById('canvas').scrollIntoView({ block: 'center' }); weldpath.scene.look('top'); })()",
+        );
+        self.browser.wait_until_drawn();
+    }
+
+    /// First and last welded point of a seam as the page shows them, once it shows all that was edited.
+    pub fn shown_ends(&mut self, seam: u64) -> [[f64; 3]; 2] {
+        self.settle("!document.getElementById('said').textContent.startsWith('Edited: the picture and the files follow')");
+        let own = format!("weldpath.content.waypoints.filter((one) => one[8] === {seam} && one[9] === 'weld')");
+        ["0", "-1"].map(|at| {
+            let point = self.browser.evaluate(&format!("{own}.at({at}).slice(0, 3)"));
+            [0, 1, 2].map(|axis| point[axis].as_f64().unwrap())
+        })
+    }
+
     /// Drags the end of a straight seam that is selected so far inwards along it, with the mouse.
     pub fn drag_the_end(&mut self, seam: u64, inwards_mm: f64) {
         self.browser.evaluate("document.getElementById('canvas').scrollIntoView({ block: 'center' })");
@@ -123,13 +141,11 @@ impl Page {
 
     /// Where the plate beside a place of the first seam is in the window, seen from above, with what the page shows by now.
     pub fn beside_the_first_seam(&mut self, share: f64) -> [f64; 2] {
+        self.look_from_above();
         let place = self.browser.evaluate(&format!(
             "(() => {{
                const {{ scene, content }} = weldpath;
                const Vector = scene.camera.position.constructor;
-               document.getElementById('canvas').scrollIntoView({{ block: 'center' }});
-               scene.look('top');
-               scene.camera.updateMatrixWorld();
                const box = document.getElementById('canvas').getBoundingClientRect();
                const seam = content.seams[0];
                const line = seam.line_mm;

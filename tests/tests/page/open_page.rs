@@ -50,9 +50,8 @@ fn seams_are_left_out_reversed_put_in_order_and_woven_by_mouse_and_keys() {
     page.picture("light");
     let first = page.order();
     let [left_out, reversed, early] = [first[0], first[1], first[3]];
-    let before = ends(&page.home.path().join("out"), reversed);
 
-    choose(&mut page, left_out, reversed, early);
+    let before = choose(&mut page, left_out, reversed, early);
     weave(&mut page);
     page.drag_the_end(reversed, 12.0);
     page.settle("document.querySelector('#undo').title.includes('path.extend_end_mm')");
@@ -97,7 +96,8 @@ fn seams_are_left_out_reversed_put_in_order_and_woven_by_mouse_and_keys() {
 }
 
 /// One seam out by its box in the list; others first and turned round by keys.
-fn choose(page: &mut Page, left_out: u64, reversed: u64, early: u64) {
+/// Where the seam that is then reversed begins and ends before that.
+fn choose(page: &mut Page, left_out: u64, reversed: u64, early: u64) -> [[f64; 3]; 2] {
     page.browser
         .evaluate(&format!("document.querySelector('#seams tr[data-seam=\"{left_out}\"] input').click()"));
     page.settle(&format!("!document.querySelector('#seams tr[data-seam=\"{left_out}\"] input').checked && !document.getElementById('undo').disabled"));
@@ -115,8 +115,11 @@ fn choose(page: &mut Page, left_out: u64, reversed: u64, early: u64) {
         page.settle(&format!("{place} === {}", before - passed));
     }
     page.browser.evaluate(&format!("document.querySelector('#seams tr[data-seam=\"{reversed}\"]').click()"));
+    // Those left may be welded the other way round by now.
+    let before = page.shown_ends(reversed);
     page.browser.press("r", false);
     page.settle("['reverse', 'forward'].includes(document.querySelector('#settings [data-key=\"path.direction\"]').value)");
+    before
 }
 
 /// A weave whose amplitude is too large first.
@@ -500,13 +503,11 @@ fn a_seam_is_drawn_on_the_plate_and_the_command_makes_the_same_of_it() {
     let seams = page.order().len();
     page.browser.evaluate("document.getElementById('draw').click()");
     page.settle("document.getElementById('draw').getAttribute('aria-pressed') === 'true'");
+    page.look_from_above();
     // Amid the pocket beside the first seam, where nothing is to be found.
     let places = page.browser.evaluate(
         "(() => {
            const { scene, content } = weldpath;
-           document.getElementById('canvas').scrollIntoView({ block: 'center' });
-           scene.look('top');
-           scene.camera.updateMatrixWorld();
            const Vector = scene.camera.position.constructor;
            const box = document.getElementById('canvas').getBoundingClientRect();
            const seam = content.seams[0];

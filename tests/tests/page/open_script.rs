@@ -106,8 +106,8 @@ impl Bench {
 
     /// Clicks on the cloud, seen from above, where these places are.
     fn click_from_above(&mut self, places: &[Point3<f64>]) {
+        self.page.look_from_above();
         let browser = &mut self.page.browser;
-        browser.evaluate("(() => { document.getElementById('canvas').scrollIntoView({ block: 'center' }); weldpath.scene.look('top'); weldpath.scene.camera.updateMatrixWorld(); })()");
         for (k, place) in places.iter().enumerate() {
             let px = browser.evaluate(&format!(
                 "(() => {{
@@ -158,7 +158,7 @@ fn a_whole_job_is_clicked_and_the_command_makes_the_same_files_of_it() {
         bench.undo_says(&format!("leave out seam {seam}"));
     }
     let turned = feet[2];
-    let before = ends(&bench.page.home.path().join("out"), turned.0);
+    let before = bench.page.shown_ends(turned.0);
     let short_mm = turn_and_shorten(&mut bench, turned.0);
     box_the_clamp_away(&mut bench);
     ask_for_the_bar(&mut bench);
