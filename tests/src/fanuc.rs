@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::robot::{Ran, Step, Text, about, name, number, require};
+use crate::robot::{Frame, Held, Ran, Step, Text, about, name, number, require};
 
 /// Longest name since R-30iA.
 const NAME: usize = 36;
@@ -59,6 +59,14 @@ pub struct Configuration {
 /// # Errors
 /// The first rule that is broken.
 pub fn run(files: &[Text], entry: &str) -> Result<(Ran, Vec<Configuration>), String> {
+    run_with(files, entry, &Held::new())
+}
+
+/// The same on a controller that has these user frames, by number.
+///
+/// # Errors
+/// As of [`run`].
+pub fn run_with(files: &[Text], entry: &str, held: &Held) -> Result<(Ran, Vec<Configuration>), String> {
     let mut programs = BTreeMap::new();
     for (file, text) in files {
         let (called, program) = parse(text).map_err(|why| format!("{file}: {why}"))?;
@@ -73,6 +81,8 @@ pub fn run(files: &[Text], entry: &str) -> Result<(Ran, Vec<Configuration>), Str
         burning: None,
         frame: None,
         tool: None,
+        held: held.clone(),
+        registers: BTreeMap::new(),
     };
     robot.call(entry, 0)?;
     require(robot.burning.is_none(), || "the arc is left burning".into())?;
@@ -219,6 +229,9 @@ struct Robot<'a> {
     burning: Option<u32>,
     frame: Option<u32>,
     tool: Option<u32>,
+    held: Held,
+    /// Position registers that hold a position.
+    registers: BTreeMap<u32, [f64; 6]>,
 }
 
 impl Robot<'_> {
@@ -235,7 +248,22 @@ impl Robot<'_> {
             require((1..=32).contains(&number), || format!("schedule {number}"))?;
             Ok::<u32, String>(number)
         };
-        if let Some(rest) = line.strip_prefix("Arc Start") {
+        let weld = |rest: &str| {
+            let inner = rest.strip_prefix('[').and_then(|rest| rest.strip_suffix(']'));
+            let (procedure, schedule) =
+                inner.and_then(|inner| inner.split_once(',')).ok_or("no procedure")?;
+            let number = |text: &str| text.parse::<u32>().map_err(|_| format!("no number: {text:?}"));
+            Ok::<u32, String>(1000 * number(procedure)? + number(schedule)?)
+        };
+        if let Some(rest) = line.strip_prefix("Weld Start") {
+            require(self.burning.is_none(), || "the arc burns already".into())?;
+            require(self.ran.steps.last().is_some_and(|step| step.stops), || "struck on the move".into())?;
+            self.burning = Some(weld(rest)?);
+        } else if let Some(rest) = line.strip_prefix("Weld End") {
+            let number = weld(rest)?;
+            require(self.burning == Some(number), || "the arc does not burn, or with other data".into())?;
+            self.burning = None;
+        } else if let Some(rest) = line.strip_prefix("Arc Start") {
             require(self.burning.is_none(), || "the arc burns already".into())?;
             require(self.ran.steps.last().is_some_and(|step| step.stops), || "struck on the move".into())?;
             self.burning = Some(schedule(rest)?);
@@ -247,6 +275,17 @@ impl Robot<'_> {
             self.frame = Some(number.parse().map_err(|_| "no number")?);
         } else if let Some(number) = line.strip_prefix("UTOOL_NUM=") {
             self.tool = Some(number.parse().map_err(|_| "no number")?);
+        } else if let Some(rest) = line.strip_prefix("PR[") {
+            self.register(rest)?;
+        } else if let Some(rest) = line.strip_prefix("UFRAME[") {
+            let (number, register) = rest.split_once("]=").ok_or("no value")?;
+            let [x, y, z, w, p, r] = self.registers[&index(register, "PR")?];
+            let axes = about(2, r) * about(1, p) * about(0, w);
+            self.held.insert(number.into(), Frame { origin_mm: Vector3::new(x, y, z), axes });
+        } else if let Some(rest) = line.strip_prefix("UTOOL[") {
+            let (_, register) = rest.split_once("]=").ok_or("no value")?;
+            let known = self.registers.contains_key(&index(register, "PR")?);
+            require(known, || "a register that nobody set".into())?;
         } else if let Some(time) = line.strip_prefix("WAIT ") {
             let time_s = number(time.strip_suffix("(sec)").ok_or("WAIT without (sec)")?)?;
             require(time_s > 0.0, || "no time".into())?;
@@ -262,6 +301,25 @@ impl Robot<'_> {
         } else {
             self.motion(program, line)?;
         }
+        Ok(())
+    }
+
+    /// `PR[10]=LPOS`, or one of its numbers.
+    fn register(&mut self, rest: &str) -> Result<(), String> {
+        let (which, value) = rest.split_once("]=").ok_or("no value")?;
+        let Some((register, component)) = which.split_once(',') else {
+            require(value == "LPOS", || format!("{value} where LPOS belongs"))?;
+            self.registers.insert(which.parse().map_err(|_| "no register")?, [f64::NAN; 6]);
+            return Ok(());
+        };
+        let register = register.parse().map_err(|_| "no register")?;
+        let six = self.registers.get_mut(&register).ok_or("the register holds no position yet")?;
+        let component: usize = component.parse().map_err(|_| "no component")?;
+        let value = match value.strip_prefix("(-").and_then(|value| value.strip_suffix(')')) {
+            Some(value) => -number(value)?,
+            None => number(value)?,
+        };
+        *six.get_mut(component.wrapping_sub(1)).ok_or("components are 1 to 6")? = value;
         Ok(())
     }
 
@@ -282,6 +340,11 @@ impl Robot<'_> {
         let turn_mm = 0.5 * speed_mm_s.unwrap_or(0.0) * DECELERATION_S;
         let (position_mm, base_from_tool, configuration) = match position.place {
             Place::Pose { position_mm, base_from_tool, configuration } => {
+                let frame = match position.frame {
+                    0 => Frame::base(),
+                    number => *self.held.get(&number.to_string()).ok_or("nobody has set the user frame")?,
+                };
+                let (position_mm, base_from_tool) = frame.of(position_mm, base_from_tool);
                 (position_mm, base_from_tool, configuration)
             }
             Place::Joints(joints_deg) => {

@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::robot::{self, STEP_S, Step, Stop, Text, about, name, number, require};
+use crate::robot::{self, Held, STEP_S, Step, Stop, Text, about, name, number, require};
 
 /// Longest name.
 const NAME: usize = 24;
@@ -50,6 +50,7 @@ pub struct Memory {
     routines: BTreeMap<String, (String, Vec<Op>)>,
     /// Lines of the submit interpreter.
     submit: Vec<Op>,
+    held: Held,
 }
 
 enum Op {
@@ -116,7 +117,15 @@ const STOPS: [(Stop, bool, bool, bool, bool); 4] = [
 /// # Errors
 /// The first rule of the language that is broken.
 pub fn run(files: &[Text], entry: &str, arc: u32, input: bool) -> Result<Ran, String> {
-    let memory = Memory::load(files)?;
+    run_with(files, entry, arc, input, &Held::new())
+}
+
+/// The same on a controller that has these frames, by number.
+///
+/// # Errors
+/// As of [`run`].
+pub fn run_with(files: &[Text], entry: &str, arc: u32, input: bool, held: &Held) -> Result<Ran, String> {
+    let memory = Memory { held: held.clone(), ..Memory::load(files)? };
     let mut robot = Robot::new(&memory, entry, arc, Inputs::All(input), Reading::BOTH[0])?;
     for _ in 0..10_000_000 {
         robot.step()?;
@@ -398,6 +407,7 @@ pub struct Robot<'a> {
     /// `HALT` in a row without a motion between.
     halts: u32,
     position_mm: Option<Vector3<f64>>,
+    base: robot::Frame,
     /// `$BASE`, tool, `$ORI_TYPE` and `BAS(#INITMOV,0)`, in the order of [`PREPARATIONS`].
     prepared: [bool; 4],
     moved: bool,
@@ -448,6 +458,7 @@ impl<'a> Robot<'a> {
             ended: false,
             halts: 0,
             position_mm: None,
+            base: robot::Frame::base(),
             prepared: [false; 4],
             moved: false,
             speed_m_s: None,
@@ -689,6 +700,11 @@ impl<'a> Robot<'a> {
         let value = number(value)?;
         match command {
             "INITMOV" => self.prepared[3] = true,
+            "BASE" => {
+                let held = self.memory.held.get(&value.to_string());
+                self.base = *held.ok_or_else(|| format!("nobody has set base {value}"))?;
+                self.prepared[0] = true;
+            }
             "TOOL" => {
                 require(value.fract() == 0.0 && (1.0..=16.0).contains(&value), || format!("tool {value}"))?;
                 self.prepared[1] = true;
@@ -702,7 +718,16 @@ impl<'a> Robot<'a> {
     fn assign(&mut self, variable: &str, value: &str) -> Result<(), String> {
         match variable {
             "$BASE" => {
-                require(value == "$ROBROOT" || value == "$NULLFRAME", || format!("base {value}"))?;
+                self.base = match value.strip_prefix("$ROBROOT:{FRAME: ") {
+                    Some(typed) => {
+                        let [x, y, z, a, b, c] = frame(&format!("{{{typed}"))?;
+                        robot::Frame { origin_mm: Vector3::new(x, y, z), axes: rotation(a, b, c) }
+                    }
+                    None => {
+                        require(value == "$ROBROOT" || value == "$NULLFRAME", || format!("base {value}"))?;
+                        robot::Frame::base()
+                    }
+                };
                 self.prepared[0] = true;
             }
             "$TOOL" => {
@@ -758,7 +783,7 @@ impl<'a> Robot<'a> {
         let [x, y, z, a, b, c] = *frame.ok_or_else(|| format!("{point} is not in the .dat"))?;
         let speed_m_s = self.speed_m_s.ok_or("$VEL.CP is not set")?;
         let blend_mm = if blended { self.blend_mm.ok_or("$APO.CDIS is not set")? } else { 0.0 };
-        let position_mm = Vector3::new(x, y, z);
+        let (position_mm, base_from_tool) = self.base.of(Vector3::new(x, y, z), rotation(a, b, c));
         let way_mm = self.position_mm.filter(|_| !joint).map(|from| (position_mm - from).norm());
         let time_s = way_mm.map_or(1.0, |way_mm| way_mm / (speed_m_s * 1e3));
         self.motion = Motion { steps: (time_s / STEP_S).ceil().max(1.0) as u32, welds: self.along };
@@ -766,7 +791,7 @@ impl<'a> Robot<'a> {
         self.note(Event::Move(self.done.steps.len()));
         self.done.steps.push(Step {
             position_mm,
-            base_from_tool: rotation(a, b, c),
+            base_from_tool,
             speed_mm_s: (!joint).then_some(speed_m_s * 1e3),
             stops: !blended,
             dwell_s: 0.0,

@@ -101,7 +101,8 @@ impl Page {
     /// First and last welded point of a seam as the page shows them, once it shows all that was edited.
     pub fn shown_ends(&mut self, seam: u64) -> [[f64; 3]; 2] {
         self.settle("!document.getElementById('said').textContent.startsWith('Edited: the picture and the files follow')");
-        let own = format!("weldpath.content.waypoints.filter((one) => one[8] === {seam} && one[9] === 'weld')");
+        let own =
+            format!("weldpath.content.waypoints.filter((one) => one[8] === {seam} && one[9] === 'weld')");
         ["0", "-1"].map(|at| {
             let point = self.browser.evaluate(&format!("{own}.at({at}).slice(0, 3)"));
             [0, 1, 2].map(|axis| point[axis].as_f64().unwrap())

@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::robot::{Ran, Step, Text, name, number, require};
+use crate::robot::{Frame, Held, Ran, Step, Text, name, number, require};
 
 /// Longest name.
 const NAME: usize = 32;
@@ -54,6 +54,7 @@ struct Declared {
 struct Memory {
     names: BTreeMap<(String, String), Declared>,
     procedures: BTreeMap<String, (String, Vec<String>)>,
+    held: Held,
 }
 
 /// Loads the modules and calls `entry`.
@@ -61,7 +62,15 @@ struct Memory {
 /// # Errors
 /// The first rule of the language that is broken.
 pub fn run(modules: &[Text], entry: &str) -> Result<Ran, String> {
-    let mut memory = Memory::default();
+    run_with(modules, entry, &Held::new())
+}
+
+/// The same on a controller that has these work objects, and any tool.
+///
+/// # Errors
+/// As of [`run`].
+pub fn run_with(modules: &[Text], entry: &str, held: &Held) -> Result<Ran, String> {
+    let mut memory = Memory { held: held.clone(), ..Memory::default() };
     for (_, text) in modules {
         memory.load(text)?;
     }
@@ -259,6 +268,7 @@ impl Robot<'_> {
         match line {
             "ConfJ\\Off" => self.configuration[0] = false,
             "ConfL\\Off" => self.configuration[1] = false,
+            "SingArea\\Off" => {}
             "ConfJ\\On" => self.configuration[0] = true,
             "ConfL\\On" => self.configuration[1] = true,
             "Stop" => self.ran.asked.push(self.ran.steps.len()),
@@ -307,7 +317,7 @@ impl Robot<'_> {
             }
             _ => return Err(format!("{} arguments", arguments.len())),
         };
-        self.frame(module, frame)?;
+        let frame = self.frame(module, frame)?;
         let speed = item(self.memory.find(module, speed, "speeddata")?, 0)?;
         let weld = weld.map(|weld| self.memory.find(module, weld, "welddata")).transpose()?;
         let weld_speed = weld.map(|weld| item(weld, 0)).transpose()?;
@@ -320,6 +330,7 @@ impl Robot<'_> {
         };
         require(*speed_mm_s > 0.0, || format!("speed {speed_mm_s}"))?;
         let (position_mm, base_from_tool) = self.target(module, point)?;
+        let (position_mm, base_from_tool) = frame.of(position_mm, base_from_tool);
         let joint = command == "MoveJ";
         require(!self.configuration[usize::from(!joint)], || "the configuration is not free".into())?;
         let speed_mm_s = (!joint).then_some(*speed_mm_s);
@@ -341,17 +352,20 @@ impl Robot<'_> {
         Ok(before)
     }
 
-    fn frame(&self, module: &str, frame: &str) -> Result<(), String> {
+    fn frame(&self, module: &str, frame: &str) -> Result<Frame, String> {
         let (tool, work_object) = frame.split_once("\\WObj:=").ok_or("no work object")?;
-        if tool != "tWeldGun" {
+        if tool != "tWeldGun" && self.memory.held.is_empty() {
             let robot_holds = item(self.memory.find(module, tool, "tooldata")?, 0)?;
             require(*robot_holds == Value::Bool(true), || "the robot does not hold the tool".into())?;
         }
+        if let Some(held) = self.memory.held.get(work_object) {
+            return Ok(*held);
+        }
         let place = self.memory.find(module, work_object, "wobjdata")?;
         let identity = value("[[0,0,0],[1,0,0,0]]")?;
-        require(*item(place, 3)? == identity && *item(place, 4)? == identity, || {
-            "the work object is not the base frame".into()
-        })
+        require(*item(place, 4)? == identity, || "an object frame beside the user frame".into())?;
+        let (origin_mm, axes) = pose(item(place, 3)?)?;
+        Ok(Frame { origin_mm, axes })
     }
 
     fn zone(&self, module: &str, zone: &str) -> Result<f64, String> {
@@ -366,15 +380,20 @@ impl Robot<'_> {
 
     fn target(&self, module: &str, point: &str) -> Result<(Vector3<f64>, Matrix3<f64>), String> {
         let target = self.memory.find(module, point, "robtarget")?;
-        let position = numbers::<3>(item(target, 0)?)?;
-        let [w, x, y, z] = numbers::<4>(item(target, 1)?)?;
         let external = numbers::<6>(item(target, 3)?)?;
         require(external == [9e9; 6], || "an external axis moves".into())?;
-        let rotate = |v: Vector3<f64>| {
-            let u = Vector3::new(x, y, z);
-            v + 2.0 * w * u.cross(&v) + 2.0 * u.cross(&u.cross(&v))
-        };
-        let axes = [Vector3::x(), Vector3::y(), Vector3::z()].map(rotate);
-        Ok((Vector3::from(position), Matrix3::from_columns(&axes)))
+        pose(target)
     }
+}
+
+/// Place and quaternion, the first two items.
+fn pose(pose: &Value) -> Result<(Vector3<f64>, Matrix3<f64>), String> {
+    let position = numbers::<3>(item(pose, 0)?)?;
+    let [w, x, y, z] = numbers::<4>(item(pose, 1)?)?;
+    let rotate = |v: Vector3<f64>| {
+        let u = Vector3::new(x, y, z);
+        v + 2.0 * w * u.cross(&v) + 2.0 * u.cross(&u.cross(&v))
+    };
+    let axes = [Vector3::x(), Vector3::y(), Vector3::z()].map(rotate);
+    Ok((Vector3::from(position), Matrix3::from_columns(&axes)))
 }

@@ -2,6 +2,8 @@
 //!
 //! The interpreters of the dialects share this form and nothing of the emitters.
 
+use std::collections::BTreeMap;
+
 use nalgebra::{Matrix3, Vector3};
 use weldpath::robot::dialect::Dialect;
 use weldpath::robot::posture::{PlannedPosture, ProgramEnd, Stance};
@@ -52,6 +54,30 @@ impl Stop {
         matches!(self, Self::Pause | Self::Protective)
     }
 }
+
+/// A frame in the robot's own base.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Frame {
+    /// mm.
+    pub origin_mm: Vector3<f64>,
+    /// Columns: its axes.
+    pub axes: Matrix3<f64>,
+}
+
+impl Frame {
+    /// The base itself.
+    pub fn base() -> Self {
+        Self { origin_mm: Vector3::zeros(), axes: Matrix3::identity() }
+    }
+
+    /// A place and a rotation in it, in the base.
+    pub fn of(&self, position_mm: Vector3<f64>, rotation: Matrix3<f64>) -> (Vector3<f64>, Matrix3<f64>) {
+        (self.origin_mm + self.axes * position_mm, self.axes * rotation)
+    }
+}
+
+/// Frames that a person has set on the controller, by name or number.
+pub type Held = BTreeMap<String, Frame>;
 
 /// A file of a program: its name and its text.
 pub type Text = (String, String);

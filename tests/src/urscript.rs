@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::robot::{STEP_S, Stop};
+use crate::robot::{Frame, Held, STEP_S, Stop};
 
 /// What the robot did, in order.
 #[derive(Debug, Clone, PartialEq)]
@@ -61,7 +61,15 @@ impl Move {
 
 /// Runs the function `weldpath`; every digital input reads as `input`. A program that does not end is an error.
 pub fn run(script: &str, input: bool) -> Result<Vec<Event>, String> {
-    let program = Program::parse(script)?;
+    run_with(script, input, &Held::new())
+}
+
+/// The same from a program of a pendant whose installation has these features.
+///
+/// # Errors
+/// As of [`run`].
+pub fn run_with(script: &str, input: bool, features: &Held) -> Result<Vec<Event>, String> {
+    let program = Program::parse_with(script, features)?;
     let mut robot = Robot::new(&program, Inputs::All(input));
     for _ in 0..10_000_000 {
         if robot.ended() {
@@ -80,6 +88,8 @@ pub struct Program {
     /// Names of variables.
     variables: Vec<String>,
     globals: Vec<usize>,
+    /// Poses that have a name.
+    frames: Held,
 }
 
 #[derive(Debug, Clone, PartialEq)]
@@ -108,13 +118,21 @@ impl Program {
     /// # Errors
     /// The first line that is no URScript that weldpath writes.
     pub fn parse(script: &str) -> Result<Self, String> {
+        Self::parse_with(script, &Held::new())
+    }
+
+    /// The same where these features are known.
+    ///
+    /// # Errors
+    /// As of [`Self::parse`].
+    pub fn parse_with(script: &str, features: &Held) -> Result<Self, String> {
         let lines: Vec<&str> =
             script.lines().map(str::trim).filter(|line| !line.is_empty() && !line.starts_with('#')).collect();
         let (&first, body) = lines.split_first().ok_or("empty script")?;
         if first != "def weldpath():" {
             return Err(format!("starts with {first:?}"));
         }
-        let mut program = Self::default();
+        let mut program = Self { frames: features.clone(), ..Self::default() };
         let mut main = vec![];
         let end = program.block(body, 0, &mut main, None)?;
         program.main = main;
@@ -193,6 +211,11 @@ impl Program {
     }
 
     fn statement(&mut self, line: &str, thread: Option<&str>) -> Result<Op, String> {
+        if let Some((name, value)) = line.split_once(" = p[") {
+            let pose = list(&format!("p[{value}"), "p[")?;
+            self.frames.insert(name.into(), frame(pose));
+            return Ok(Op::Note);
+        }
         if let Some((name, value)) = line.split_once(" = ").filter(|(name, _)| !name.contains('(')) {
             return self.assignment(name, value, thread);
         }
@@ -201,7 +224,24 @@ impl Program {
         }
         let (name, rest) = line.split_once('(').ok_or("unknown statement")?;
         let inner = rest.strip_suffix(')').ok_or("no closing bracket")?;
-        call(name, &arguments(inner))
+        let mut arguments = arguments(inner);
+        if let Some(pose) = arguments.first_mut().filter(|pose| pose.starts_with("pose_trans(")) {
+            *pose = self.pose_trans(pose)?;
+        }
+        call(name, &arguments)
+    }
+
+    /// `pose_trans(frame, p[...])`: the pose in the base, written out.
+    fn pose_trans(&self, call: &str) -> Result<String, String> {
+        let inner = call.strip_prefix("pose_trans(").and_then(|rest| rest.strip_suffix(')'));
+        let (name, pose) =
+            inner.and_then(|inner| inner.split_once(", ")).ok_or("two poses are transformed")?;
+        let known = self.frames.get(name).ok_or_else(|| format!("no feature {name}"))?;
+        let inner = frame(list(pose, "p[")?);
+        let (position_mm, axes) = known.of(inner.origin_mm, inner.axes);
+        let turned = nalgebra::Rotation3::from_matrix_unchecked(axes).scaled_axis();
+        let [x, y, z] = <[f64; 3]>::from(position_mm / 1e3);
+        Ok(format!("p[{x}, {y}, {z}, {}, {}, {}]", turned.x, turned.y, turned.z))
     }
 
     fn assignment(&mut self, name: &str, value: &str, thread: Option<&str>) -> Result<Op, String> {
@@ -560,14 +600,26 @@ fn a_move(command: &str, pose: &str, a: &str, v: &str, r: &str) -> Result<Move, 
     Ok(Move { command: command.into(), position_m, rotation_rad, speed, blend_m })
 }
 
+/// Of a position in m and a rotation vector.
+fn frame([x, y, z, rx, ry, rz]: [f64; 6]) -> Frame {
+    let pose = Move {
+        command: String::new(),
+        position_m: Vector3::new(x, y, z),
+        rotation_rad: Vector3::new(rx, ry, rz),
+        speed: 0.0,
+        blend_m: 0.0,
+    };
+    Frame { origin_mm: pose.position_m * 1e3, axes: pose.rotation() }
+}
+
 /// Splits at commas outside brackets and quotes.
 fn arguments(inner: &str) -> Vec<String> {
     let (mut parts, mut depth, mut quoted) = (vec![String::new()], 0, false);
     for c in inner.chars() {
         match c {
             '"' => quoted = !quoted,
-            '[' => depth += 1,
-            ']' => depth -= 1,
+            '[' | '(' => depth += 1,
+            ']' | ')' => depth -= 1,
             ',' if depth == 0 && !quoted => {
                 parts.push(String::new());
                 continue;

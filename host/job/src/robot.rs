@@ -3,5 +3,6 @@
 pub mod arc;
 pub mod dialect;
 pub mod feasibility;
+pub mod frame;
 pub mod posture;
 pub mod tool;

@@ -6,5 +6,6 @@ pub mod kept;
 pub mod planning;
 pub mod postprocessing;
 pub mod refit;
+pub mod resuming;
 pub mod selection;
 pub mod verdict;

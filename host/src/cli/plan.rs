@@ -12,8 +12,10 @@ use weldpath::robot::dialect::moves::TooLong;
 use weldpath::run::job::ask::{AskSettings, DrawSettings};
 use weldpath::run::job::calibration::CalibrationSettings;
 use weldpath::run::job::quantity::{
-    self, ApproachMm, DepthScaleM, FeedMmS, Place, Points, RatioThreshold, Region, SpacingMm, StandoffMm,
+    self, ApproachMm, DepthScaleM, FeedMmS, OverlapMm, Place, Points, RatioThreshold, Region, SpacingMm,
+    StandoffMm,
 };
+use weldpath::run::job::resume::ResumeSettings;
 use weldpath::run::job::robot::{RobotSettings, TorchBodySettings};
 use weldpath::run::job::scan::AnchorName;
 use weldpath::run::job::touch::TouchSettings;
@@ -94,6 +96,13 @@ pub(super) struct Args {
     /// Accept this reason of the verdict, by its id: what it says is confirmed; may be given several times
     #[arg(long, value_name = "REASON-ID")]
     accept: Vec<ReasonId>,
+    /// Write the rest of a weld that was broken off in this seam (and pass) at this place, s_mm of path.csv, and what
+    /// follows it; give it an --out of its own
+    #[arg(long, value_name = "SEAM[.PASS]:MM")]
+    from: Option<ResumeSettings>,
+    /// Weld so much of what was welded again [default: 5]
+    #[arg(long, value_name = "MM", requires = "from", allow_negative_numbers = true)]
+    overlap_mm: Option<OverlapMm>,
     /// Which seam comes next [default: shortest]
     #[arg(long, value_name = "SEQUENCE")]
     sequence: Option<Sequence>,
@@ -259,6 +268,13 @@ fn job(args: &Args) -> Result<Job, Failure> {
     job.accept.sort_unstable();
     job.accept.dedup();
     place_robot(&mut job, args)?;
+    if let Some((key, why)) = job.unwritable() {
+        return Err(Failure::new(Exit::Usage, format!("[robot] {key}: {why}"))
+            .hint("change [robot] in the job file, or --robot: docs/programs.md, \"Frames and tools\""));
+    }
+    if let Some(from) = args.from {
+        job.resume = Some(ResumeSettings { overlap_mm: args.overlap_mm.unwrap_or_default(), ..from });
+    }
     job.input = Some(input(args.input.as_ref(), &job)?);
     exclusive(&job)?;
     Ok(job)
@@ -417,6 +433,8 @@ fn not_written_out(error: postprocessing::Error) -> Failure {
     match error {
         postprocessing::Error::Selection(error) => not_selected(error),
         postprocessing::Error::TooLong(error) => too_long(error),
+        postprocessing::Error::Resuming(error) => Failure::new(Exit::Usage, error)
+            .hint("path.csv of the whole plan has its seams, passes and s_mm"),
         error @ postprocessing::Error::TooMany { .. } => Failure::new(Exit::Usage, error).hint(
             "a wider spacing_mm in [path], a longer wavelength_mm in [weave], fewer passes, or fewer seams at a time with --seam",
         ),

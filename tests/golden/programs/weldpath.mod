@@ -29,6 +29,7 @@ MODULE weldpath
   PROC weldpath_run()
     ConfJ\Off;
     ConfL\Off;
+    SingArea\Off;
     MoveJ p1,weldpath_v2,fine,weldpath_tool\WObj:=weldpath_wobj;
     MoveL p2,weldpath_v2,fine,weldpath_tool\WObj:=weldpath_wobj;
     ArcLStart p3,weldpath_v1,weldpath_seam,weldpath_w1,fine,weldpath_tool\WObj:=weldpath_wobj;

@@ -13,6 +13,7 @@ const FORMATS: &str = include_str!("../../../docs/formats.md");
 
 const TROUBLESHOOTING: &str = include_str!("../../../docs/troubleshooting.md");
 const FEASIBILITY: &str = include_str!("../../../docs/feasibility.md");
+const PROGRAMS: &str = include_str!("../../../docs/programs.md");
 
 /// The first fenced block of this language.
 fn block(language: &str) -> &'static str {
@@ -98,7 +99,9 @@ fn documented_keys() -> Vec<String> {
             .all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_')
             .then(|| bare.to_owned())
     };
-    let of_the_robot = FEASIBILITY.split("```toml\n").skip(1).filter_map(|text| text.split("```").next());
+    let toml_of =
+        |page: &'static str| page.split("```toml\n").skip(1).filter_map(|text| text.split("```").next());
+    let of_the_robot = toml_of(FEASIBILITY).chain(toml_of(PROGRAMS));
     let blocks =
         [block("toml"), block("toml seams"), block("toml calibration")].into_iter().chain(of_the_robot);
     blocks.flat_map(|text| text.lines().filter_map(key)).collect()
@@ -132,6 +135,7 @@ fn the_committed_schema_is_that_of_the_job_and_has_every_documented_key_and_no_o
         "program",
         "robot",
         "opw",
+        "resume",
         "torch_body",
     ];
     let documented = documented_keys();

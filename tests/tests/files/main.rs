@@ -3,6 +3,7 @@
 mod errors;
 mod fanuc;
 mod formats;
+mod frames;
 mod fuzz_regressions;
 mod golden_programs;
 mod krl;
@@ -12,5 +13,6 @@ mod outputs_killed;
 mod rapid;
 mod readers;
 mod readers_fuzz;
+mod resume;
 mod ros;
 mod urscript;

@@ -12,8 +12,9 @@ pub mod urscript;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use self::moves::TooLong;
+use self::moves::{Move, TooLong};
 use super::arc::WeldingArc;
+use super::frame::{ProgramFrame, ToolSource};
 use super::posture::{Maker, PlannedPosture, ProgramEnd, Stance};
 use super::tool::Tool;
 use weldpath_files::File;
@@ -97,15 +98,35 @@ impl Dialect {
     }
 }
 
+/// The unit in which an ABB controller reads the speed of its welddata: by its Arc units.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+pub enum WelddataUnit {
+    /// SI_UNITS and WELD_UNITS.
+    #[default]
+    #[serde(rename = "mm/s")]
+    MmS,
+    /// US_UNITS.
+    #[serde(rename = "in/min")]
+    InMin,
+}
+
 /// Everything the programs need beside the waypoints.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ProgramSetup {
     /// Of programs, and of the files of dialects in which the two are one.
     pub name: String,
+    /// In which frame the poses are.
+    pub frame: ProgramFrame,
+    /// Which of the controller's tools.
+    pub tool_source: ToolSource,
     /// Number of the tool on controllers that number them; used where `tool` is none, and by FANUC always.
     pub tool_number: u32,
     /// Number of the weld data on controllers that keep it themselves.
     pub weld_schedule: u32,
+    /// FANUC: `Weld Start` of this procedure in place of `Arc Start`.
+    pub weld_procedure: Option<u32>,
+    /// ABB: the unit of speed in its welddata.
+    pub welddata_unit: WelddataUnit,
     /// None leaves what is set on the controller.
     pub tool: Option<Tool>,
     /// How the arc is switched.
@@ -137,6 +158,16 @@ impl ProgramSetup {
             lines.push(line);
         }
         lines
+    }
+
+    /// The moves, in the program's frame.
+    fn moves(&self, waypoints: &[Waypoint]) -> Vec<Move> {
+        moves::moves(&self.frame.of(waypoints))
+    }
+
+    /// The tool whose value stands in the program.
+    fn written_tool(&self) -> Option<&Tool> {
+        self.tool.as_ref().filter(|_| !self.tool_source.is_held())
     }
 
     /// The joints along the program, if they are counted as `dialect` counts them and there is one stance for each

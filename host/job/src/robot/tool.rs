@@ -1,5 +1,7 @@
 //! The tool at the flange, as every robot controller wants to know it.
 
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+
 /// What the controller has to know about the tool.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tool {
@@ -11,4 +13,12 @@ pub struct Tool {
     pub payload_kg: f64,
     /// Centre of that mass in the flange's frame, mm.
     pub payload_centre_mm: [f64; 3],
+}
+
+impl Tool {
+    /// The tip in the flange's frame, mm.
+    pub(super) fn transform(&self) -> Isometry3<f64> {
+        let rotation = UnitQuaternion::from_scaled_axis(Vector3::from(self.flange_from_tcp_rotation_rad));
+        Isometry3::from_parts(Translation3::from(self.flange_from_tcp_mm), rotation)
+    }
 }

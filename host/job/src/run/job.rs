@@ -7,9 +7,11 @@
 pub mod ask;
 pub mod calibration;
 pub mod exclude;
+pub mod frame;
 pub mod layer;
 pub mod quantity;
 pub mod refusal;
+pub mod resume;
 pub mod robot;
 pub mod scan;
 pub mod touch;
@@ -23,19 +25,21 @@ use serde::{Deserialize, Serialize};
 
 use crate::output::verdict::ReasonId;
 use crate::robot::arc::WeldingArc;
-use crate::robot::dialect::{Dialect, ProgramSetup};
+use crate::robot::dialect::{Dialect, ProgramSetup, WelddataUnit};
 use crate::robot::feasibility::arm::Counting;
 use crate::robot::feasibility::{self, FeasibilitySetup, PlacedArm};
 use crate::robot::tool::Tool;
 use ask::{AskSettings, DrawSettings};
 use calibration::CalibrationSettings;
 use exclude::ExcludeSettings;
+use frame::ToolSetting;
 pub use layer::{
     JointSettings, PassSettings, PathSettings, SeamSettings, StitchSettings, TorchSettings, WeaveSettings,
     Weld,
 };
 use quantity::{DepthScaleM, Input, Output, PayloadKg, ProgramName, RatioThreshold, TimeS};
 pub use refusal::Error;
+use resume::ResumeSettings;
 use robot::{RobotSettings, TorchBodySettings};
 use scan::ScanSettings;
 use touch::TouchSettings;
@@ -131,6 +135,9 @@ pub struct Job {
     pub torch_body: Option<TorchBodySettings>,
     /// Names and numbers in the robot programs.
     pub program: ProgramSettings,
+    /// The rest of a weld that was broken off, in place of the whole program.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub resume: Option<ResumeSettings>,
     /// Passes of every seam, in their order; without any, one pass on the seam's line.
     #[serde(rename = "pass", skip_serializing_if = "Vec::is_empty")]
     pub passes: Vec<PassSettings>,
@@ -153,6 +160,11 @@ pub struct ProgramSettings {
     pub tool_number: quantity::ToolNumber,
     /// Number of the weld data on controllers that keep it themselves.
     pub weld_schedule: quantity::WeldSchedule,
+    /// FANUC: number of the weld procedure; with it programs say `Weld Start[procedure, schedule]` in place of `Arc Start`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub weld_procedure: Option<quantity::WeldProcedure>,
+    /// ABB: the unit of speed in welddata, by the controller's Arc units.
+    pub welddata_unit: WelddataUnit,
 }
 
 /// `[selection]`: a seam is welded if it passes all that is given.
@@ -350,9 +362,6 @@ impl Job {
 
     /// What the feasibility check needs; none if neither a robot nor a torch is given.
     pub fn feasibility(&self) -> Option<FeasibilitySetup> {
-        if self.robot.is_none() && self.torch_body.is_none() {
-            return None;
-        }
         let robot = self.robot.as_ref().and_then(|robot| {
             let flange_from_tcp = match &self.tool {
                 Some(tool) => robot::pose(tool.flange_from_tcp_mm, tool.flange_from_tcp_rotation_rad),
@@ -364,6 +373,9 @@ impl Job {
             let (base_from_robot, floor, end) = (robot.base_from_robot(), robot.floor(), robot.end);
             Some(PlacedArm { arm, base_from_robot, flange_from_tcp, floor, home_rad, end })
         });
+        if robot.is_none() && self.torch_body.is_none() {
+            return None;
+        }
         let clearance_mm = self.torch_body.unwrap_or_default().keep_off_mm;
         Some(FeasibilitySetup { robot, torch: self.torch_body(), clearance_mm })
     }
@@ -396,12 +408,23 @@ impl Job {
         }
     }
 
+    /// A frame or a tool that one of its dialects cannot name so: the key, and why.
+    pub fn unwritable(&self) -> Option<(&'static str, String)> {
+        self.robot.as_ref()?.unwritable(&self.dialects(), self.tool.is_some())
+    }
+
     /// What the robot programs need beside the path.
     pub fn program_setup(&self) -> ProgramSetup {
+        let stated = self.robot.as_ref().and_then(|robot| robot.tool.as_ref());
+        let tool_source = stated.map(ToolSetting::source).unwrap_or_default();
         ProgramSetup {
             name: self.program.name.to_string(),
-            tool_number: self.program.tool_number.get(),
+            frame: self.robot.as_ref().map(RobotSettings::frame).unwrap_or_default(),
+            tool_number: tool_source.number().unwrap_or(self.program.tool_number.get()),
+            tool_source,
             weld_schedule: self.program.weld_schedule.get(),
+            weld_procedure: self.program.weld_procedure.map(quantity::WeldProcedure::get),
+            welddata_unit: self.program.welddata_unit,
             tool: self.tool(),
             arc: self.arc(),
             posture: None,

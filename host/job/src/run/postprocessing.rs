@@ -11,7 +11,10 @@ use crate::robot::feasibility;
 use crate::robot::feasibility::Report;
 use crate::robot::feasibility::suggestion::Change;
 use crate::run::job::layer::{Direction, Weld};
+use crate::run::job::resume::ResumeSettings;
+use crate::run::job::robot::RobotSettings;
 use crate::run::job::{ASSUMED_TCP_MM, AirMoves, Job, MethodName, Sequence};
+use crate::run::resuming;
 use crate::run::selection;
 use crate::run::selection::select;
 use crate::run::verdict;
@@ -48,6 +51,9 @@ pub enum Error {
     /// The selection leaves nothing.
     #[error(transparent)]
     Selection(#[from] selection::Error),
+    /// No such rest of a weld.
+    #[error(transparent)]
+    Resuming(#[from] resuming::Error),
     /// A seam that is too long for one of the robots' programs.
     #[error(transparent)]
     TooLong(#[from] moves::TooLong),
@@ -71,9 +77,10 @@ pub fn postprocess(plan: &Plan, job: &Job, source: Source) -> Result<Output, Err
     let left_out = verdict::left_out(plan, job);
     let mut selected = chosen(plan, job)?;
     selected.retain(|path| !left_out.contains(&path.seam));
-    let seams = ordered(selected, plan, job)?;
-    let passes: Vec<Pass> =
-        seams.iter().flat_map(|(path, weld)| passes(path, weld, job.method, &[])).collect();
+    let resume = job.resume.as_ref();
+    let seams = resuming::seams(ordered(selected, plan, job)?, resume)?;
+    let whole = seams.iter().flat_map(|(path, weld)| passes(path, weld, job.method, &[])).collect();
+    let passes = resuming::passes(whole, resume)?;
     let terrain = terrain(&passes, plan, job);
     let program = program(&passes, &terrain);
     let mut warnings = plan.said.warnings.clone();
@@ -98,7 +105,9 @@ pub fn postprocess(plan: &Plan, job: &Job, source: Source) -> Result<Output, Err
     let mut files = vec![File::new("path.csv", csv::write(&paths, frame))];
     if summary.verdict().state != State::Refused {
         let posture = feasibility.as_ref().and_then(|report| report.posture.clone());
-        let setup = ProgramSetup { posture, remarks: summary.verdict().lines(), ..job.program_setup() };
+        let remarks =
+            resume.map(ResumeSettings::words).into_iter().chain(summary.verdict().lines()).collect();
+        let setup = ProgramSetup { posture, remarks, ..job.program_setup() };
         files.extend(program_files(&program.waypoints, frame, job, &setup)?);
     }
     files.push(File::new("model.ply", ply::write(&plan.model, frame)));
@@ -296,7 +305,8 @@ fn shortened_away(pass: &Pass) -> Option<String> {
 fn feasibility(plan: &Plan, job: &Job, seams: &[(SeamPath, Weld)], terrain: &Terrain) -> Option<Report> {
     let rewelded = |changes: &[(usize, Change)]| {
         let run = |(path, weld): &(SeamPath, Weld)| passes(path, weld, job.method, changes);
-        program(&seams.iter().flat_map(run).collect::<Vec<_>>(), terrain).waypoints
+        let whole = seams.iter().flat_map(run).collect();
+        program(&resuming::passes(whole, job.resume.as_ref()).unwrap_or_default(), terrain).waypoints
     };
     Some(feasibility::assess(&rewelded, &plan.model, &job.feasibility()?))
 }
@@ -312,7 +322,7 @@ fn problems(program: &Program, plan: &Plan, job: &Job, feasibility: Option<&Repo
 
 fn tool_warning(job: &Job) -> Option<String> {
     let text = "the robot program uses the TCP and payload that are set on the controller; give them as [tool] in a job file";
-    let assumed = if job.robot.is_some() {
+    let assumed = if job.robot.as_ref().and_then(RobotSettings::arm).is_some() {
         format!(
             "; for the feasibility check the tip is taken {ASSUMED_TCP_MM} mm straight ahead of the flange"
         )

@@ -77,6 +77,23 @@ pub fn reverse(path: &SeamPath) -> SeamPath {
     path.with(turned.collect())
 }
 
+/// What is left of a path from `from_mm` on. Where it begins the torch stands as at the start of the whole.
+pub fn rest(path: &SeamPath, from_mm: f64) -> SeamPath {
+    let Some(next) = path.points.iter().position(|point| point.s_mm > from_mm) else {
+        return path.with(Vec::new());
+    };
+    if next == 0 {
+        return path.clone();
+    }
+    let struck = path.points.iter().find(|point| point.process.weld).and_then(|point| point.process.dwell_s);
+    let begin = at(&path.points, from_mm).map(|point| {
+        let weld = path.points[next - 1].process.weld && path.points[next].process.weld;
+        let dwell_s = struck.filter(|_| weld);
+        PathPoint { process: Process { weld, dwell_s, ..Process::default() }, ..point }
+    });
+    path.with(begin.into_iter().chain(path.points[next..].iter().copied()).collect())
+}
+
 /// The pose moved along a direction; its `s_mm` goes with it.
 fn along(point: &PathPoint, direction: &Vector3<f64>, by_mm: f64) -> PathPoint {
     let position_mm = point.position_mm + direction * by_mm;

@@ -9,12 +9,12 @@
 use std::fmt::Write;
 use std::ops::Range;
 
-use nalgebra::UnitQuaternion;
+use nalgebra::{Isometry3, UnitQuaternion};
 
-use super::moves::{
-    Move, Switch, TooLong, decimal, euler_zyx_deg, moves, parts, rotation_vector_to_euler_zyx_deg,
-};
+use super::moves::{Move, Switch, TooLong, decimal, euler_zyx_deg, parts, rotation_vector_to_euler_zyx_deg};
 use super::{Dialect, Joints, NO_SAFETY_FUNCTION, ProgramSetup, Stance, part_name};
+use crate::robot::frame::{FrameSource, ToolSource};
+use crate::robot::tool::Tool;
 use weldpath_files::File;
 use weldpath_method::weld::program::Waypoint;
 
@@ -25,15 +25,15 @@ const MOST_MOVES: usize = 4000;
 const DECELERATION_S: f64 = 0.2;
 /// A remark of a TP program has at most 32 characters.
 const REMARK: usize = 32;
-/// User frame of every position: the robot's world frame.
-const FRAME: u32 = 0;
+/// User frame of every position where the job names none: the robot's world frame.
+const WORLD: u32 = 0;
 
 /// Where no stance is known: wrist not flipped, elbow up, in front, no turns.
 const UNKNOWN: &str = "N U T, 0, 0, 0";
 
 /// One program, or a main program and its parts.
 pub fn write(waypoints: &[Waypoint], setup: &ProgramSetup) -> Result<Vec<File>, TooLong> {
-    let moves = moves(waypoints);
+    let moves = setup.moves(waypoints);
     let parts = parts(&moves, MOST_MOVES, "FANUC TP")?;
     let name = &setup.name;
     let joints = setup.joints(Dialect::Fanuc, waypoints.len());
@@ -73,15 +73,27 @@ fn program(name: &str, lines: &[String], positions: &str) -> File {
 /// What stands before the first move. The tool is set on the pendant: a listing cannot hold it.
 fn opening(setup: &ProgramSetup, joints: Option<&Joints>) -> Vec<String> {
     let mut lines = vec!["  !weldpath, never run on a robot".to_owned()];
-    lines.push(format!("  !Edit Arc Start[{}] and CONFIG", setup.weld_schedule));
+    lines.push(format!("  !Edit {} and CONFIG", weld_instruction(setup, "Start")));
     let mut own = vec![NO_SAFETY_FUNCTION.into()];
     own.push("Check on the controller: Arc enable, weld restart (Resume). Not verified.".into());
+    own.extend(setup.frame.remark(&xyzwpr(&setup.frame.robot_from_frame).join(" ")));
     own.extend(Joints::remarks(joints));
     if joints.is_some() {
         own.push("CONFIG: U/D and T/B are not verified.".into());
     }
     lines.extend(setup.head(&own, REMARK).into_iter().map(|remark| format!("  !{remark}")));
-    if let Some(tool) = &setup.tool {
+    let registers = [
+        (setup.frame.register(), "UFRAME", user_frame(setup), Some(setup.frame.robot_from_frame)),
+        (setup.tool_source.register(), "UTOOL", setup.tool_number, setup.tool.as_ref().map(Tool::transform)),
+    ];
+    for (register, kind, number, transform) in registers {
+        if let (Some(register), Some(transform)) = (register, transform) {
+            lines.extend(by_register(register, kind, number, &transform));
+        }
+    }
+    if setup.tool_source != ToolSource::Usual {
+        lines.push(format!("  !UTOOL {} of the controller", setup.tool_number));
+    } else if let Some(tool) = &setup.tool {
         let [x, y, z] = tool.flange_from_tcp_mm.map(decimal::<1>);
         let [r, p, w] = rotation_vector_to_euler_zyx_deg(tool.flange_from_tcp_rotation_rad).map(decimal::<2>);
         lines.push(format!("  !Set UTOOL {}, mm and degrees", setup.tool_number));
@@ -89,9 +101,36 @@ fn opening(setup: &ProgramSetup, joints: Option<&Joints>) -> Vec<String> {
     } else {
         lines.push(format!("  !UTOOL {} as on the pendant", setup.tool_number));
     }
-    lines.push(format!("  UFRAME_NUM={FRAME}"));
+    lines.push(format!("  UFRAME_NUM={}", user_frame(setup)));
     lines.push(format!("  UTOOL_NUM={}", setup.tool_number));
     lines
+}
+
+/// Of the positions.
+fn user_frame(setup: &ProgramSetup) -> u32 {
+    match setup.frame.source {
+        FrameSource::Program { number, .. } => number.unwrap_or(WORLD),
+        _ => setup.frame.number().unwrap_or(WORLD),
+    }
+}
+
+/// Sets a user frame or tool. A register has no single numbers before it holds a position, so it first takes the robot's.
+fn by_register(register: u32, kind: &str, number: u32, transform: &Isometry3<f64>) -> Vec<String> {
+    let values = xyzwpr(transform).into_iter().enumerate();
+    let values = values.map(|(i, value)| match value.strip_prefix('-') {
+        Some(value) => format!("  PR[{register},{}]=(-{value})", i + 1),
+        None => format!("  PR[{register},{}]={value}", i + 1),
+    });
+    let first =
+        [format!("  !Overwrites PR[{register}] and {kind} {number}"), format!("  PR[{register}]=LPOS")];
+    first.into_iter().chain(values).chain([format!("  {kind}[{number}]=PR[{register}]")]).collect()
+}
+
+/// mm and degrees.
+fn xyzwpr(transform: &Isometry3<f64>) -> [String; 6] {
+    let [x, y, z] = <[f64; 3]>::from(transform.translation.vector).map(decimal::<3>);
+    let [w, p, r] = wpr_deg(&transform.rotation).map(decimal::<4>);
+    [x, y, z, w, p, r]
 }
 
 /// The moves of one program; its positions are numbered from 1, home stands after the points.
@@ -134,13 +173,13 @@ impl Part<'_> {
                 lines.push(format!("L P[{point}] {} {}", speed(a_move.feed_mm_s), termination(a_move)));
             }
             if a_move.then == Some(Switch::On) {
-                lines.push(format!("  Arc Start[{}]", self.setup.weld_schedule));
+                lines.push(format!("  {}", weld_instruction(self.setup, "Start")));
             }
             if let Some(wait_s) = a_move.wait_s() {
                 lines.push(format!("  WAIT {}(sec)", decimal::<2>(wait_s)));
             }
             if a_move.then == Some(Switch::Off) {
-                lines.push(format!("  Arc End[{}]", self.setup.weld_schedule));
+                lines.push(format!("  {}", weld_instruction(self.setup, "End")));
             }
         }
         if self.ends_deg().is_some() {
@@ -150,20 +189,28 @@ impl Part<'_> {
     }
 
     fn positions(&self) -> String {
-        let tool = self.setup.tool_number;
+        let numbers = [user_frame(self.setup), self.setup.tool_number];
         let mut text = String::new();
         for (i, a_move) in self.moves().iter().enumerate() {
             let (point, index) = (i + 1, self.run.start + i);
             let stance = self.joints.and_then(|joints| joints.stances.get(index));
             text.push_str(&match stance.filter(|_| index == 0) {
-                Some(stance) => joint_position(point, tool, stance.joints_deg),
-                None => position(point, tool, &stance.map_or(UNKNOWN.to_owned(), config), a_move),
+                Some(stance) => joint_position(point, numbers, stance.joints_deg),
+                None => position(point, numbers, &stance.map_or(UNKNOWN.to_owned(), config), a_move),
             });
         }
         if let Some(home_deg) = self.begins_deg().or(self.ends_deg()) {
-            text.push_str(&joint_position(self.run.len() + 1, tool, home_deg));
+            text.push_str(&joint_position(self.run.len() + 1, numbers, home_deg));
         }
         text
+    }
+}
+
+/// With a weld procedure, as newer controllers have it, or by the schedule alone.
+fn weld_instruction(setup: &ProgramSetup, which: &str) -> String {
+    match setup.weld_procedure {
+        Some(procedure) => format!("Weld {which}[{procedure},{}]", setup.weld_schedule),
+        None => format!("Arc {which}[{}]", setup.weld_schedule),
     }
 }
 
@@ -201,20 +248,20 @@ fn termination(a_move: &Move) -> String {
     format!("CNT{}", (100.0 * a_move.blend_mm / full_mm).floor().clamp(0.0, 100.0))
 }
 
-fn position(point: usize, tool: u32, config: &str, a_move: &Move) -> String {
+fn position(point: usize, [frame, tool]: [u32; 2], config: &str, a_move: &Move) -> String {
     let [x, y, z] = <[f64; 3]>::from(a_move.position_mm.coords).map(decimal::<3>);
     let [w, p, r] = wpr_deg(&a_move.base_from_tool).map(decimal::<4>);
     format!(
-        "P[{point}]{{\n   GP1:\n\tUF : {FRAME}, UT : {tool},\t\tCONFIG : '{config}',\n\
+        "P[{point}]{{\n   GP1:\n\tUF : {frame}, UT : {tool},\t\tCONFIG : '{config}',\n\
          \tX = {x:>9}  mm,\tY = {y:>9}  mm,\tZ = {z:>9}  mm,\n\
          \tW = {w:>9} deg,\tP = {p:>9} deg,\tR = {r:>9} deg\n}};\n"
     )
 }
 
-fn joint_position(point: usize, tool: u32, joints_deg: [f64; 6]) -> String {
+fn joint_position(point: usize, [frame, tool]: [u32; 2], joints_deg: [f64; 6]) -> String {
     let [j1, j2, j3, j4, j5, j6] = joints_deg.map(decimal::<4>);
     format!(
-        "P[{point}]{{\n   GP1:\n\tUF : {FRAME}, UT : {tool},\n\
+        "P[{point}]{{\n   GP1:\n\tUF : {frame}, UT : {tool},\n\
          \tJ1 = {j1:>9} deg,\tJ2 = {j2:>9} deg,\tJ3 = {j3:>9} deg,\n\
          \tJ4 = {j4:>9} deg,\tJ5 = {j5:>9} deg,\tJ6 = {j6:>9} deg\n}};\n"
     )

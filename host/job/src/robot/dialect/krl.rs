@@ -11,13 +11,12 @@
 
 use std::fmt::Write;
 
-use nalgebra::UnitQuaternion;
+use nalgebra::{Isometry3, UnitQuaternion};
 
-use super::moves::{
-    Move, Switch, TooLong, decimal, euler_zyx_deg, moves, parts, rotation_vector_to_euler_zyx_deg,
-};
+use super::moves::{Move, Switch, TooLong, decimal, euler_zyx_deg, parts, rotation_vector_to_euler_zyx_deg};
 use super::{Dialect, Joints, NO_SAFETY_FUNCTION, ProgramSetup, UNCHECKED_MOVE, part_name};
 use crate::robot::arc::WeldingArc;
+use crate::robot::frame::{FrameSource, ProgramFrame};
 use crate::robot::tool::Tool;
 use weldpath_files::File;
 use weldpath_method::weld::program::Waypoint;
@@ -50,7 +49,7 @@ mod flag {
 
 /// One module, or a main module and its parts; the lines for the submit interpreter.
 pub fn write(waypoints: &[Waypoint], setup: &ProgramSetup) -> Result<Vec<File>, TooLong> {
-    let moves = moves(waypoints);
+    let moves = setup.moves(waypoints);
     let parts = parts(&moves, MOST_MOVES, "KRL")?;
     let name = &setup.name;
     let joints = setup.joints(Dialect::Kuka, waypoints.len());
@@ -123,8 +122,7 @@ fn main(setup: &ProgramSetup, joints: Option<&Joints>, body: &str) -> String {
          INTERRUPT DECL {INTERRUPT} WHEN $FLAG[{}]==TRUE DO {name}_lost()\n\
          INTERRUPT ON {INTERRUPT}\n\
          {}\
-         ; The scan's base frame is the robot's root.\n\
-         $BASE=$ROBROOT\n\
+         {}\
          $IPO_MODE=#BASE\n\
          $ORI_TYPE=#VAR\n\
          BAS(#VEL_PTP,{FIRST_PERCENT})\n\
@@ -137,6 +135,7 @@ fn main(setup: &ProgramSetup, joints: Option<&Joints>, body: &str) -> String {
         flags_off(),
         flag::BROKEN,
         tool(setup),
+        base(&setup.frame),
         arc_on(name, &setup.arc),
         arc_off(name, &setup.arc),
         lost(name)
@@ -155,6 +154,7 @@ fn remarks(setup: &ProgramSetup, joints: Option<&Joints>) -> String {
         "A stop puts arc and gas out; one amid a weld ends the program when it goes on. Not verified.".into(),
         setup.arc_remark().into(),
     ];
+    own.extend(setup.frame.remark(&frame_of(&setup.frame.robot_from_frame)));
     own.extend(Joints::remarks(joints));
     comments(&setup.head(&own, REMARK))
 }
@@ -223,13 +223,11 @@ fn lost(name: &str) -> String {
 }
 
 fn tool(setup: &ProgramSetup) -> String {
-    let Some(Tool { flange_from_tcp_mm, flange_from_tcp_rotation_rad, payload_kg, payload_centre_mm }) =
-        setup.tool
+    let Some(&Tool { flange_from_tcp_mm, flange_from_tcp_rotation_rad, payload_kg, payload_centre_mm }) =
+        setup.written_tool()
     else {
-        return format!(
-            "; Tool of the controller; the job file has no [tool].\nBAS(#TOOL,{})\n",
-            setup.tool_number
-        );
+        let why = if setup.tool_source.is_held() { "" } else { "; the job file has no [tool]" };
+        return format!("; Tool of the controller{why}.\nBAS(#TOOL,{})\n", setup.tool_number);
     };
     let [a, b, c] = rotation_vector_to_euler_zyx_deg(flange_from_tcp_rotation_rad).map(decimal::<4>);
     let [x, y, z] = flange_from_tcp_mm.map(decimal::<3>);
@@ -238,6 +236,25 @@ fn tool(setup: &ProgramSetup) -> String {
         "$TOOL={{X {x},Y {y},Z {z},A {a},B {b},C {c}}}\n\
          $LOAD={{M {payload_kg},CM {{X {cx},Y {cy},Z {cz},A 0,B 0,C 0}},J {{X 0,Y 0,Z 0}}}}\n"
     )
+}
+
+/// Poses count in `$BASE`, which stands in the world frame.
+fn base(frame: &ProgramFrame) -> String {
+    match (&frame.source, frame.number()) {
+        (FrameSource::RobotBase, _) if frame.is_all_one() => {
+            "; The scan's base frame is the robot's root.\n$BASE=$ROBROOT\n".into()
+        }
+        (FrameSource::RobotBase, _) => "$BASE=$ROBROOT\n".into(),
+        (_, Some(number)) => format!("BAS(#BASE,{number})\n"),
+        _ => {
+            let typed = frame_of(&frame.robot_from_frame).replacen('{', "{FRAME: ", 1);
+            format!("$BASE=$ROBROOT:{typed}\n")
+        }
+    }
+}
+
+fn frame_of(transform: &Isometry3<f64>) -> String {
+    frame(transform.translation.vector.into(), &transform.rotation)
 }
 
 /// Speeds and blend radii are set where they change. `from` is the place of the first move in the whole program.

@@ -8,10 +8,11 @@
 use std::fmt::Write;
 use std::ops::Range;
 
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
-use super::moves::{Move, Switch, TooLong, decimal, moves, parts};
-use super::{Dialect, Joints, NO_SAFETY_FUNCTION, ProgramSetup, UNCHECKED_MOVE, part_name};
+use super::moves::{Move, Switch, TooLong, decimal, parts};
+use super::{Dialect, Joints, NO_SAFETY_FUNCTION, ProgramSetup, UNCHECKED_MOVE, WelddataUnit, part_name};
+use crate::robot::frame::FrameSource;
 use weldpath_files::File;
 use weldpath_method::weld::program::Waypoint;
 
@@ -30,7 +31,7 @@ const REMARK: usize = 76;
 
 /// One module, or a main module and its parts.
 pub fn write(waypoints: &[Waypoint], setup: &ProgramSetup) -> Result<Vec<File>, TooLong> {
-    let moves = moves(waypoints);
+    let moves = setup.moves(waypoints);
     let parts = parts(&moves, MOST_MOVES, "RAPID")?;
     let numbers = Numbers::new(&moves);
     let joints = setup.joints(Dialect::Abb, waypoints.len());
@@ -77,7 +78,8 @@ impl Numbers {
         }
         for (i, feed) in self.weld_mm_s.iter().enumerate() {
             let arc = format!("[{},0,0,0,0,0,0,0,0]", setup.weld_schedule);
-            let _ = writeln!(text, "  PERS welddata {name}_w{}:=[{feed},0,{arc},{NO_ARC}];", i + 1);
+            let speed = weld_speed(*feed, setup.welddata_unit);
+            let _ = writeln!(text, "  PERS welddata {name}_w{}:=[{speed},0,{arc},{NO_ARC}];", i + 1);
         }
         if let Some(short_mm) = self.short_mm {
             let mm = decimal::<3>((short_mm * 1e3).floor() / 1e3);
@@ -99,6 +101,14 @@ fn rounded(feed_mm_s: f64) -> f64 {
     if feed_mm_s < 1.0 { feed_mm_s } else { (feed_mm_s * 20.0).round() / 20.0 }
 }
 
+/// As the controller reads it.
+fn weld_speed(feed_mm_s: f64, unit: WelddataUnit) -> String {
+    match unit {
+        WelddataUnit::MmS => feed_mm_s.to_string(),
+        WelddataUnit::InMin => decimal::<4>(feed_mm_s * 60.0 / 25.4),
+    }
+}
+
 /// The largest zone that every controller knows within `blend_mm`.
 fn zone(blend_mm: f64) -> Option<&'static str> {
     ZONES_MM.iter().find(|(_, radius_mm)| *radius_mm <= blend_mm).map(|(name, _)| *name)
@@ -109,7 +119,10 @@ fn procedure(name: &str, body: &str) -> String {
 }
 
 fn tool(setup: &ProgramSetup) -> String {
-    let Some(tool) = &setup.tool else {
+    let Some(tool) = setup.written_tool() else {
+        if let Some(name) = setup.tool_source.name() {
+            return format!("  ! Tool: {name} of the controller.\n");
+        }
         return format!("  ! Tool: {TOOL} of the controller; the job file has no [tool].\n");
     };
     let rotation = UnitQuaternion::from_scaled_axis(Vector3::from(tool.flange_from_tcp_rotation_rad));
@@ -172,27 +185,44 @@ impl Writer<'_> {
         let (name, arc) = (&setup.name, &setup.arc);
         let mut text = format!(
             "  ! Written by weldpath. Call {name}_run. Never run on a controller: try it in RobotStudio first.\n\
-             \x20 ! Edit: tool, work object (identity: the scan's base frame is wobj0), seam data, weld data.\n"
+             \x20 ! Edit: tool, work object{}, seam data, weld data.\n",
+            if setup.frame.is_all_one() { " (identity: the scan's base frame is wobj0)" } else { "" }
         );
         let mut own = vec![NO_SAFETY_FUNCTION.into()];
         own.push(
             "Check in the Arc configuration: weld error recovery and arc process restart. Not verified."
                 .into(),
         );
-        own.push(
-            "Speeds of welddata are mm/s: check that the Arc units are SI (US units are inch a minute)."
-                .into(),
-        );
+        own.push(match setup.welddata_unit {
+            WelddataUnit::MmS => {
+                "Speeds of welddata are mm/s: check that the Arc units are SI (US units are inch a minute)."
+                    .into()
+            }
+            WelddataUnit::InMin => {
+                "Speeds of welddata are inch a minute: check that the Arc units are US.".into()
+            }
+        });
+        let [at, turned] = pose(&setup.frame.robot_from_frame);
+        own.extend(setup.frame.remark(&format!("[{at},{turned}]")));
+        if setup.frame.source != FrameSource::RobotBase {
+            own.push("The robot's base has to be the world frame: a work object stands in that one.".into());
+        }
         own.extend(Joints::remarks(self.joints));
         for remark in setup.head(&own, REMARK) {
             // Writing to a String cannot fail.
             let _ = writeln!(text, "  ! {remark}");
         }
         text.push_str(&tool(setup));
-        let _ = writeln!(
-            text,
-            "  PERS wobjdata {name}_wobj:=[FALSE,TRUE,\"\",[[0,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];"
-        );
+        if setup.frame.name().is_none() {
+            let user = match setup.frame.source {
+                FrameSource::RobotBase => "[0,0,0],[1,0,0,0]".to_owned(),
+                _ => format!("{at},{turned}"),
+            };
+            let _ = writeln!(
+                text,
+                "  PERS wobjdata {name}_wobj:=[FALSE,TRUE,\"\",[{user}],[[0,0,0],[1,0,0,0]]];"
+            );
+        }
         let _ = writeln!(
             text,
             "  PERS seamdata {name}_seam:=[0,{},{NO_ARC},0,0,0,0,0,{NO_ARC},0,{},{NO_ARC},0,0,{NO_ARC},{}];",
@@ -233,7 +263,7 @@ impl Writer<'_> {
 
     /// Home, or, where there is none but the first move is by joints, a stop until a person starts again.
     fn opening(&self) -> String {
-        let mut text = "    ConfJ\\Off;\n    ConfL\\Off;\n".to_owned();
+        let mut text = "    ConfJ\\Off;\n    ConfL\\Off;\n    SingArea\\Off;\n".to_owned();
         match self.joints.map(|joints| joints.home_deg) {
             Some(Some(home_deg)) => text.push_str(&self.by_joints(home_deg)),
             Some(None) => {
@@ -255,8 +285,13 @@ impl Writer<'_> {
 
     fn frame(&self) -> String {
         let name = &self.setup.name;
-        let tool = if self.setup.tool.is_some() { format!("{name}_tool") } else { TOOL.to_owned() };
-        format!("{tool}\\WObj:={name}_wobj")
+        let tool = match (self.setup.written_tool(), self.setup.tool_source.name()) {
+            (Some(_), _) => format!("{name}_tool"),
+            (None, Some(held)) => held.to_owned(),
+            (None, None) => TOOL.to_owned(),
+        };
+        let work_object = self.setup.frame.name().map_or_else(|| format!("{name}_wobj"), str::to_owned);
+        format!("{tool}\\WObj:={work_object}")
     }
 
     fn instruction(&self, a_move: &Move, next: Option<&Move>, index: usize, joint: bool) -> String {
@@ -287,6 +322,11 @@ impl Writer<'_> {
             }
         }
     }
+}
+
+/// Place and rotation.
+fn pose(transform: &Isometry3<f64>) -> [String; 2] {
+    [vector(transform.translation.vector.into()), quaternion(&transform.rotation)]
 }
 
 fn vector(v: [f64; 3]) -> String {

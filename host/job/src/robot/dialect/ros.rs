@@ -24,16 +24,24 @@ const REMARK: usize = 100;
 /// # Errors
 /// None: a list of poses may be of any length.
 pub fn write(waypoints: &[Waypoint], setup: &ProgramSetup) -> Result<Vec<File>, TooLong> {
-    let moves = moves(waypoints);
-    Ok(vec![File::new("poses.yaml", yaml(&moves, setup)), File::new("poses.json", json(&moves))])
+    // Without a name of its own the frame is that of the robot's base.
+    let frame = match setup.frame.name() {
+        Some(_) => setup.frame.clone(),
+        None => setup.frame.robot_base(),
+    };
+    let id = frame.name().unwrap_or(FRAME);
+    let moves = moves(&frame.of(waypoints));
+    Ok(vec![File::new("poses.yaml", yaml(&moves, id, setup)), File::new("poses.json", json(&moves, id))])
 }
 
-fn yaml(moves: &[Move], setup: &ProgramSetup) -> String {
+fn yaml(moves: &[Move], frame: &str, setup: &ProgramSetup) -> String {
     let mut text = "# weldpath: geometry_msgs/PoseArray; metres, tool z into the work\n".to_owned();
-    for remark in setup.head(&[], REMARK) {
+    let remarks: Vec<String> =
+        setup.frame.robot_base().remark("").into_iter().filter(|_| frame == FRAME).collect();
+    for remark in setup.head(&remarks, REMARK) {
         let _ = writeln!(text, "# {remark}");
     }
-    text.push_str(&format!("header:\n  frame_id: {FRAME}\n"));
+    text.push_str(&format!("header:\n  frame_id: {frame}\n"));
     text.push_str(if moves.is_empty() { "poses: []\n" } else { "poses:\n" });
     for (index, a_move) in moves.iter().enumerate() {
         let ([x, y, z], [qx, qy, qz, qw]) = (position_m(a_move), xyzw(&a_move.base_from_tool));
@@ -59,7 +67,7 @@ fn remark(a_move: &Move) -> String {
     format!("{seam}, {} mm/s{welding}{then}", a_move.feed_mm_s)
 }
 
-fn json(moves: &[Move]) -> String {
+fn json(moves: &[Move], frame: &str) -> String {
     let pose = |a_move: &Move| {
         let ([x, y, z], [qx, qy, qz, qw]) = (position_m(a_move), xyzw(&a_move.base_from_tool));
         format!(
@@ -69,7 +77,7 @@ fn json(moves: &[Move]) -> String {
     };
     let poses: Vec<String> = moves.iter().map(pose).collect();
     format!(
-        "{{\n  \"header\": {{\"frame_id\": \"{FRAME}\"}},\n  \"poses\": [\n{}\n  ]\n}}\n",
+        "{{\n  \"header\": {{\"frame_id\": \"{frame}\"}},\n  \"poses\": [\n{}\n  ]\n}}\n",
         poses.join(",\n")
     )
 }

@@ -10,11 +10,12 @@
 
 use std::fmt::Write;
 
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
-use super::moves::{self, Move, Switch, TooLong, moves};
+use super::moves::{self, Move, Switch, TooLong};
 use super::{Dialect, Joints, NO_SAFETY_FUNCTION, ProgramSetup, UNCHECKED_MOVE};
 use crate::robot::arc::WeldingArc;
+use crate::robot::frame::FrameSource;
 use weldpath_files::File;
 use weldpath_method::weld::program::Waypoint;
 
@@ -39,13 +40,13 @@ const ESTABLISHED: u8 = 3;
 
 /// The whole script: one function, `weldpath`.
 fn script(waypoints: &[Waypoint], setup: &ProgramSetup) -> String {
-    let mut script = Script { text: String::new(), previous_rad: None };
+    let mut script = Script { text: String::new(), previous_rad: None, frame: None };
     let joints = setup.joints(Dialect::Ur, waypoints.len());
     script.text.push_str("def weldpath():\n");
     script.head(setup, joints.as_ref());
     script.watch(&setup.arc);
     script.opening(setup);
-    let moves = moves(waypoints);
+    let moves = setup.moves(waypoints);
     for (i, one) in moves.iter().enumerate() {
         let next = moves.get(i + 1).and_then(|next| next.then);
         match joints.as_ref().filter(|_| i == 0) {
@@ -64,6 +65,8 @@ fn script(waypoints: &[Waypoint], setup: &ProgramSetup) -> String {
 struct Script {
     text: String,
     previous_rad: Option<Vector3<f64>>,
+    /// The feature, or the variable, that poses are relative to.
+    frame: Option<String>,
 }
 
 impl Script {
@@ -73,7 +76,8 @@ impl Script {
     }
 
     fn head(&mut self, setup: &ProgramSetup, joints: Option<&Joints>) {
-        self.line("# weldpath: robot base frame, metres, rotation vectors; tool z points into the work.");
+        let frame = if setup.frame.source == FrameSource::RobotBase { "robot base frame, " } else { "" };
+        self.line(format_args!("# weldpath: {frame}metres, rotation vectors; tool z points into the work."));
         let mut own = vec![
             "Never run on a controller: try it in URSim first, then slowly, with the arc off.".into(),
             NO_SAFETY_FUNCTION.into(),
@@ -97,6 +101,12 @@ impl Script {
              interrupted: do not resume there, stop the program."
                 .into()
         });
+        own.extend(setup.frame.remark(&pose(&setup.frame.robot_from_frame)));
+        if let Some(name) = setup.frame.name() {
+            own.push(format!(
+                "Run it from a program of the pendant: only there is the feature {name} known."
+            ));
+        }
         own.extend(Joints::remarks(joints));
         for remark in setup.head(&own, REMARK) {
             self.line(format_args!("# {remark}"));
@@ -155,7 +165,7 @@ impl Script {
             self.switch(Some(output), false);
         }
         self.line("weldpath_watcher = run weldpath_watch()");
-        match &setup.tool {
+        match setup.written_tool() {
             Some(tool) => {
                 let [x, y, z] = tool.flange_from_tcp_mm.map(metres);
                 let [rx, ry, rz] = tool.flange_from_tcp_rotation_rad.map(decimal);
@@ -163,8 +173,21 @@ impl Script {
                 let [x, y, z] = tool.payload_centre_mm.map(metres);
                 self.line(format_args!("set_payload({}, [{x}, {y}, {z}])", tool.payload_kg));
             }
-            None => self.line("# TCP and payload: as set on the controller; the job file has no [tool]."),
+            None => match setup.tool_source.name() {
+                Some(name) => {
+                    self.line(format_args!("# TCP {name} and its payload have to be set on the controller."))
+                }
+                None => self.line("# TCP and payload: as set on the controller; the job file has no [tool]."),
+            },
         }
+        self.frame = match &setup.frame.source {
+            FrameSource::RobotBase => None,
+            FrameSource::Held(held) => Some(held.to_string()),
+            FrameSource::Program { .. } => {
+                self.line(format_args!("weldpath_frame = {}", pose(&setup.frame.robot_from_frame)));
+                Some("weldpath_frame".into())
+            }
+        };
     }
 
     /// To the first point by joints: from home, or, where there is none, after a person agreed.
@@ -284,8 +307,19 @@ impl Script {
         self.previous_rad = Some(rotation_rad);
         let [x, y, z] = <[f64; 3]>::from(one.position_mm.coords).map(metres);
         let [rx, ry, rz] = <[f64; 3]>::from(rotation_rad).map(decimal);
-        format!("p[{x}, {y}, {z}, {rx}, {ry}, {rz}]")
+        let pose = format!("p[{x}, {y}, {z}, {rx}, {ry}, {rz}]");
+        match &self.frame {
+            Some(frame) => format!("pose_trans({frame}, {pose})"),
+            None => pose,
+        }
     }
+}
+
+/// A transform as the language writes it.
+fn pose(transform: &Isometry3<f64>) -> String {
+    let [x, y, z] = <[f64; 3]>::from(transform.translation.vector).map(metres);
+    let [rx, ry, rz] = <[f64; 3]>::from(transform.rotation.scaled_axis()).map(decimal);
+    format!("p[{x}, {y}, {z}, {rx}, {ry}, {rz}]")
 }
 
 /// Of the vectors of one rotation, `(angle + 2πk) axis`, the one nearest to `previous_rad`; else the shortest.
@@ -359,8 +393,12 @@ mod tests {
         };
         let setup = ProgramSetup {
             name: "weldpath".into(),
+            frame: Default::default(),
+            tool_source: Default::default(),
             tool_number: 1,
             weld_schedule: 1,
+            weld_procedure: None,
+            welddata_unit: Default::default(),
             tool: None,
             arc,
             posture: None,

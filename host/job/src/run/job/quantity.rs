@@ -159,6 +159,12 @@ quantity!(/// Number of a tool on the controller.
     ToolNumber, whole 1 to 16, default 1);
 quantity!(/// Number of the weld data on the controller.
     WeldSchedule, whole 1 to 32, default 1);
+quantity!(/// Number of a weld procedure on the controller.
+    WeldProcedure, whole 1 to 99);
+quantity!(/// How far a seam was welded before it was broken off.
+    WeldedMm, 0 to 100000 " mm");
+quantity!(/// How much of a broken weld is welded again.
+    OverlapMm, 0 to 200 " mm", default 5);
 quantity!(/// Mass at the flange.
     PayloadKg, 0 to 100 " kg");
 quantity!(/// Standard deviation of a position that the robot reports; an uncalibrated arm's is a millimetre or two.

@@ -108,6 +108,10 @@ pub(super) fn check(job: &Job, text: &str, path: &Path) -> Result<(), Error> {
         let hint = "docs/feasibility.md lists the keys of [robot] and [torch_body]";
         return refuse(line_of_key(text, key), &why, hint);
     }
+    if let Some((key, why)) = job.unwritable() {
+        let hint = "docs/programs.md says which controller knows frames and tools by what, under \"Frames and tools\"";
+        return refuse(line_of_key(text, key), &why, hint);
+    }
     if let Some((key, why)) = job.scan.calibration.as_ref().and_then(|c| c.fault()) {
         return refuse(line_of_key(text, key), &format!("{key}: {why}"), CALIBRATION_HINT);
     }

@@ -4,7 +4,9 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::frame::{FrameSetting, ToolSetting};
 use super::quantity::{Place, RotationVector};
+use crate::robot::dialect::Dialect;
 use crate::robot::feasibility::Floor;
 use crate::robot::feasibility::arm;
 use crate::robot::feasibility::arm::{Arm, Counting, Kinematics, Limits};
@@ -12,13 +14,15 @@ use crate::robot::feasibility::body::Body;
 use crate::robot::feasibility::catalogue;
 use crate::robot::feasibility::spherical_wrist::{Opw, SphericalWrist};
 use crate::robot::feasibility::torch::Torch;
+use crate::robot::frame::ProgramFrame;
 use crate::robot::posture::ProgramEnd;
 
 /// `[robot]`: the arm, and where it stands.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct RobotSettings {
-    /// A name of the catalogue; or any name together with `opw`.
+    /// A name of the catalogue; or any name together with `opw`. Without it no arm is checked.
+    #[serde(skip_serializing_if = "String::is_empty")]
     pub model: String,
     /// The robot's base in the scan's base frame.
     pub base_mm: Place,
@@ -36,6 +40,12 @@ pub struct RobotSettings {
     /// `"controller"`: the joints of `opw` count as its controller's, so that programs may name them.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub joints: Option<JointCounting>,
+    /// In which frame programs write their poses; by default the robot's own base.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub frame: Option<FrameSetting>,
+    /// With which of its tools the controller runs a program; by default `[tool]`, or `[program] tool_number`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tool: Option<ToolSetting>,
     /// A spherical-wrist arm that the catalogue does not have.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub opw: Option<OpwSettings>,
@@ -162,10 +172,23 @@ impl RobotSettings {
     pub(super) fn fault(&self) -> Option<Fault> {
         let named = match &self.opw {
             Some(opw) => opw.fault(),
-            None if arm::by_name(&self.model).is_some() => None,
+            None if arm::by_name(&self.model).is_some() || self.is_armless() => None,
             None => Some(("model", unknown(&self.model))),
         };
         named.or_else(|| self.floor_fault()).or_else(|| self.home_fault())
+    }
+
+    /// Whether it says nothing but what programs need of bases, frames and tools.
+    fn is_armless(&self) -> bool {
+        let Self { base_mm, base_rotation_rad, frame, tool, .. } = self.clone();
+        let rest = Self { base_mm, base_rotation_rad, frame, tool, ..Self::default() };
+        *self == rest && *self != Self::default()
+    }
+
+    /// What its frame and tool ask of a dialect that cannot do it.
+    pub(super) fn unwritable(&self, dialects: &[Dialect], has_tool: bool) -> Option<Fault> {
+        let frame = self.frame.as_ref().and_then(|frame| frame.fault(dialects));
+        frame.or_else(|| self.tool.as_ref()?.fault(dialects, has_tool))
     }
 
     fn floor_fault(&self) -> Option<Fault> {
@@ -236,6 +259,15 @@ impl RobotSettings {
                 ..opw.arm()
             }),
             None => arm::by_name(&self.model),
+        }
+    }
+
+    /// In which frame programs write their poses.
+    pub(super) fn frame(&self) -> ProgramFrame {
+        let base_from_robot = self.base_from_robot();
+        match &self.frame {
+            Some(frame) => frame.frame(&base_from_robot),
+            None => ProgramFrame { frame_from_base: base_from_robot.inverse(), ..ProgramFrame::default() },
         }
     }
 
