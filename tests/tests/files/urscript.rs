@@ -241,11 +241,11 @@ fn a_mutated_script_is_refused() {
         ("set_tcp(p[0.00000000", "set_tcp(p[0.00100000", "TCP"),
         ("set_payload(2.5", "set_payload(3.5", "payload"),
         ("set_standard_digital_out(2, True)", "set_standard_digital_out(3, True)", "not ours"),
-        ("set_standard_digital_out(2, True)", "", "arc false"),
-        // The thread ends it.
+        // The thread ends both.
+        ("set_standard_digital_out(2, True)", "", "moves"),
         ("set_standard_digital_out(5, True)", "", "moves"),
-        ("  set_standard_digital_out(5, True)\n  weldpath_on = 1\n", "", "without gas"),
-        ("  set_standard_digital_out(2, True)\n  weldpath_on = 2\n", "", "arc false"),
+        ("  set_standard_digital_out(5, True)\n  sync()\n  weldpath_on = 1\n", "", "without gas"),
+        ("  set_standard_digital_out(2, True)\n  sync()\n  weldpath_on = 2\n", "", "arc false"),
         ("\n  weldpath_on = 0\n  set_standard_digital_out(2, False)", "\n  weldpath_on = 0", "gas off"),
         (seam_end, ", r=0.00040000)", "arrive"),
         (", r=0.0007", ", r=0.0017", "blend"),
@@ -255,7 +255,11 @@ fn a_mutated_script_is_refused() {
         ("v=0.00800000", "v=0.80000000", "speed"),
         ("waited_s = 0.0\n", "", "before it is set"),
         ("end\n", "", "no thread"),
-        ("    end\n  end\n  weldpath_on = 3", "    end\n  weldpath_on = 3", "without end"),
+        (
+            "    end\n  end\n  sync()\n  weldpath_on = 3",
+            "    end\n  sync()\n  weldpath_on = 3",
+            "without end",
+        ),
     ];
     for (from, to, why) in mutations {
         assert!(good.contains(from), "{from:?} is not in the script");
@@ -392,7 +396,7 @@ fn an_arc_that_goes_out_ends_the_program_at_once() {
 
 #[test]
 fn a_script_that_is_unsafe_when_it_stops_is_refused() {
-    let strike = "  set_standard_digital_out(2, True)\n  weldpath_on = 2\n";
+    let strike = "  set_standard_digital_out(2, True)\n  sync()\n  weldpath_on = 2\n";
     let waits = format!("{strike}  sleep(0.3)\n");
     let action = "set_runstate_standard_digital_output_to_value(2, 1)";
     let third = action.replace(", 1)", ", 3)");

@@ -247,8 +247,12 @@ impl Script {
         }
     }
 
-    /// From here on the thread ends the program where this, or what came before it, is off.
+    /// From here on the thread ends the program where this, or what came before it, is off. An output that was just
+    /// switched may read as it was until the next cycle.
     fn on(&mut self, level: u8) {
+        if level > 0 {
+            self.line("sync()");
+        }
         self.line(format_args!("weldpath_on = {level}"));
     }
 
