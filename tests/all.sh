@@ -23,6 +23,12 @@ say() {
     begun=$now part="$*"
     printf '\n== %s\n' "$*"
 }
+# Which part failed, and what the others took.
+ended() {
+    code=$?
+    [ $code -eq 0 ] || printf '\n== failed: %s\n%s' "$part" "$parts" >&2
+}
+trap ended EXIT
 
 missing=
 need() { missing="$missing $*"; }

@@ -147,6 +147,10 @@ mutant port-silent-robot-starts link starts_nothing pendant/place.rs 's/is_some_
 mutant port-late-robot-runs link late pendant/robot.rs 's/age\(answered\) < self.config.late_ticks/age(answered) < u16::MAX/'
 mutant port-off-robot-runs link is_off pendant/robot.rs 's/Drives::Following => off.then_some\(Cause::RobotOff\)/Drives::Following => (off \&\& false).then_some(Cause::RobotOff)/'
 mutant port-old-pose-at-start core where_another_ended pendant/command.rs 's/^( *)self.pose = first.waypoint.pose;/\1let _ = first;/'
+mutant tool-under-hands link link_port pendant/command.rs 's/ \|\| self\.jogs\(\) \{/ {/'
+mutant tool-in-held link link_port pendant/command.rs 's/if self\.state\(\) == State::Held \{/if false {/'
+mutant tool-not-asked-for link link_port pendant/command.rs 's/self\.robot\.is_some\(\) \&\& !self\.has_tool/false/'
+mutant tool-of-another-session link link_port pendant.rs 's/self\.forget_tool\(\);//'
 
 if [ -n "$check" ] && [ "$failures" -eq 0 ]; then echo "every mutant applies" && exit; fi
 [ "$failures" -eq 0 ] && echo "every mutant turns a test red" || { echo "$failures mutants do not"; exit 1; }

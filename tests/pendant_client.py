@@ -14,7 +14,7 @@ import sys
 import time
 import zlib
 
-VERSION = 2
+VERSION = 3
 STATES = "Disabled Idle Loading Ready Running Holding Held Fault".split()
 ENABLE, ENABLED, POSE_KNOWN = 1 << 1, 1 << 2, 1 << 8
 

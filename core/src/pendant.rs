@@ -322,7 +322,9 @@ pub struct Pendant<const RING: usize, S = [Slot; RING]> {
     drive: Drive,
     started: bool,
     finished: Option<u16>,
+    /// The flange itself until a session has set one.
     tool: WirePose,
+    has_tool: bool,
     torch_from_flange: WirePose,
     pose: WirePose,
     known: bool,
@@ -367,6 +369,7 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
             started: false,
             finished: None,
             tool: WirePose::IDENTITY,
+            has_tool: false,
             torch_from_flange: WirePose::IDENTITY,
             pose: WirePose::IDENTITY,
             known: false,
@@ -390,9 +393,9 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
         self.loaded.then(|| self.ring.begin().path)
     }
 
-    /// `flange_from_torch` as the host set it.
-    pub fn tool(&self) -> &WirePose {
-        &self.tool
+    /// `flange_from_torch` as the session has set it.
+    pub fn tool(&self) -> Option<&WirePose> {
+        self.has_tool.then_some(&self.tool)
     }
 
     /// Speed along the path, µm/s.
@@ -530,6 +533,7 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
             self.requests = Requests::default();
             self.used_path = None;
             self.finished = None;
+            self.forget_tool();
             self.report.subscribe(0);
             self.fire_own(Event::NewSession);
         }
@@ -681,6 +685,7 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
             pose: self.pose,
             counters: self.counters,
             robot: self.robot.as_ref().and_then(Monitor::report),
+            tool: self.tool().copied(),
         }
     }
 

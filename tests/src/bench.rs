@@ -2,6 +2,7 @@
 
 use weldpath_core::interlock::State;
 use weldpath_core::pendant::{self, Action, Panel, Pendant, Tick};
+use weldpath_core::tasks::{Tasks, Workspace};
 use weldpath_core::wire::frame::{Received, encode};
 use weldpath_core::wire::{
     self, Answer, Attach, Chunk, Command, FromHost, FromPendant, Hello, HostDeframer, HostMessage,
@@ -26,6 +27,8 @@ pub struct Bench {
     /// Count of the ping sent last.
     pub pings: u32,
     deframer: HostDeframer,
+    tasks: Tasks,
+    workspace: Box<Workspace>,
 }
 
 impl Bench {
@@ -38,13 +41,21 @@ impl Bench {
     pub fn with(config: &pendant::Config) -> Self {
         let pendant = Pendant::new(config, 1).expect("sound configuration");
         let deframer = HostDeframer::new();
-        let mut bench = Self { pendant, panel: Panel::default(), request: 0, session: 0, pings: 0, deframer };
+        let (tasks, workspace) = (Tasks::default(), Box::default());
+        let panel = Panel::default();
+        let mut bench = Self { pendant, panel, request: 0, session: 0, pings: 0, deframer, tasks, workspace };
         bench.ticks(2);
-        bench.hello(NONCE);
-        bench.session = wire::session_id(1, NONCE);
+        bench.open(NONCE);
         bench.grip();
         assert_eq!(bench.pendant.state(), State::Idle);
         bench
+    }
+
+    /// A session of its own.
+    pub fn open(&mut self, nonce: u32) {
+        let answer = self.hello(nonce);
+        assert!(matches!(answer, PendantMessage::HelloAck(_)), "{answer:?}");
+        (self.session, self.request, self.pings) = (wire::session_id(1, nonce), 0, 0);
     }
 
     /// Lets the enabling switch go and grips it anew.
@@ -120,8 +131,19 @@ impl Bench {
     /// The next command.
     pub fn command(&mut self, command: Command) -> Answer {
         self.request = self.request.wrapping_add(1);
-        match self.reply(HostMessage::Control { request: self.request, command }) {
-            PendantMessage::Reply { request, answer } if request == self.request => answer,
+        let action = match self.say(HostMessage::Control { request: self.request, command }) {
+            Action::Perform { request, task } => {
+                let answer = self.tasks.perform(&task, &mut self.workspace);
+                self.pendant.answer(request, answer)
+            }
+            other => other,
+        };
+        match action {
+            Action::Send(FromPendant { message: PendantMessage::Reply { request, answer }, .. })
+                if request == self.request =>
+            {
+                answer
+            }
             other => panic!("no reply but {other:?}"),
         }
     }

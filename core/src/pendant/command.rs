@@ -59,6 +59,7 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
     }
 
     fn set_jog(&mut self, jog: WireJog) -> Result<Executed, Refusal> {
+        self.check_tool()?;
         let jog = checked_jog(jog, &self.limits.jog)?;
         if let Some(here) = self.robot.as_ref().map(|robot| robot.torch()) {
             self.check_near(&here.ok_or(Refusal::Robot)?, &jog.start)?;
@@ -67,6 +68,7 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
     }
 
     fn hand_frame(&mut self, hands: WireHandFrame) -> Result<Executed, Refusal> {
+        self.check_tool()?;
         self.may_jog()?;
         let hands = checked_hands(hands)?;
         let time_ms = (u64::from(self.ticks) * u64::from(self.config.tick_us) / 1000) as u32;
@@ -75,6 +77,9 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
     }
 
     fn arm(&mut self, armed: bool) -> Result<(), Refusal> {
+        if armed {
+            self.check_tool()?;
+        }
         if armed && (!self.config.can_weld || self.loaded && !self.ring.begin().arc) {
             return Err(Refusal::ArcBarred);
         }
@@ -103,6 +108,7 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
     /// manual with the arc armed, whether everything to be welded is slow enough: it is refused, never welded slower.
     fn check_go(&self, event: Event) -> Result<(), Refusal> {
         self.interlock.step(event, &self.inputs()).2.map_err(|refused| self.refusal(refused))?;
+        self.check_tool()?;
         self.check_place()?;
         let feed_um_s = self.limits.manual_feed_um_s;
         let bound = self.panel.manual && self.interlock.is_armed();
@@ -114,13 +120,41 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
         if self.loaded && self.ring.begin().path == path { Ok(()) } else { Err(Refusal::Path) }
     }
 
+    /// A robot at the port goes where its flange has to be: without a tool that would be where the torch has to be.
+    fn check_tool(&self) -> Result<(), Refusal> {
+        if self.robot.is_some() && !self.has_tool { Err(Refusal::NoTool) } else { Ok(()) }
+    }
+
+    /// The tool moves every set-point: it is taken only where none may be followed, nor a held path gone on with.
     fn set_tool(&mut self, tool: &WirePose) -> Result<(), Refusal> {
-        if !self.stands() {
+        if !self.stands() || self.jogs() {
             return Err(Refusal::Moving);
         }
-        self.torch_from_flange = inverted(tool).ok_or(Refusal::Value(Field::Orientation))?;
-        self.tool = *tool;
+        if self.state() == State::Held {
+            return Err(Refusal::State(State::Held));
+        }
+        checked_pose(*tool)?;
+        if tool.distance_um(&WirePose::IDENTITY) > LONGEST_TOOL_UM {
+            return Err(Refusal::Value(Field::Tool));
+        }
+        let torch_from_flange = inverted(tool).ok_or(Refusal::Value(Field::Orientation))?;
+        self.has_tool = true;
+        self.replace_tool(*tool, torch_from_flange);
         Ok(())
+    }
+
+    /// A session that begins has set no tool.
+    pub(super) fn forget_tool(&mut self) {
+        self.has_tool = false;
+        self.replace_tool(WirePose::IDENTITY, WirePose::IDENTITY);
+    }
+
+    fn replace_tool(&mut self, tool: WirePose, torch_from_flange: WirePose) {
+        (self.tool, self.torch_from_flange) = (tool, torch_from_flange);
+        if let Some(robot) = &mut self.robot {
+            robot.retool(&tool);
+        }
+        self.report.hurry();
     }
 
     fn begin(&mut self, begin: &Begin) -> Result<(), Refusal> {
@@ -220,6 +254,9 @@ enum Executed {
 fn checked_pose(pose: WirePose) -> Result<WirePose, Refusal> {
     if pose.is_unit() { Ok(pose) } else { Err(Refusal::Value(Field::Orientation)) }
 }
+
+/// Longest tool, µm: from the flange to the tip of a torch, or to a camera.
+const LONGEST_TOOL_UM: f32 = 2_000_000.0;
 
 /// Edges of an interaction box, µm: what a hand can tell apart, and what an arm can reach across.
 const BOX_UM: core::ops::RangeInclusive<u32> = 20_000..=1_000_000;

@@ -57,6 +57,11 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
         self.jogging.commanded = from.and_then(|from| toward(&from, &target, step_mm, turn_rad));
     }
 
+    /// Whether hands move the camera, or may do so with the next frame.
+    pub(super) fn jogs(&self) -> bool {
+        self.jogging.begun || self.jogging.commanded.is_some()
+    }
+
     /// Where hands have the camera commanded to be.
     pub(super) fn jogged(&self) -> Option<WirePose> {
         self.jogging.commanded

@@ -99,6 +99,14 @@ impl Monitor {
         self.answered = Some(Answered { actual, torch });
     }
 
+    /// Where the torch is with another tool.
+    pub(super) fn retool(&mut self, tool: &WirePose) {
+        let torch = |answered: Answered| {
+            compose(&answered.actual.pose, tool).map(|torch| Answered { torch, ..answered })
+        };
+        self.answered = self.answered.and_then(torch);
+    }
+
     /// A late robot may have started anew, and then counts from the beginning.
     fn forget_late(&mut self) {
         if self.fresh().is_none() {
@@ -189,6 +197,7 @@ mod tests {
         let _ = pendant.tick(&Panel::default());
         let hello = Hello { version: wire::VERSION, schema: wire::SCHEMA, nonce: NONCE };
         assert!(matches!(say(&mut pendant, HostMessage::Hello(hello)), Some(PendantMessage::HelloAck(_))));
+        assert_eq!(command(&mut pendant, Command::SetTool { tool: WirePose::IDENTITY }), Answer::Done);
         pendant
     }
 

@@ -268,6 +268,8 @@ pub enum Refusal {
     ArcBarred,
     /// The key switch is not in manual.
     NotManual,
+    /// A robot port is fitted, and this session has set no tool: nobody knows where the torch is on the flange.
+    NoTool,
 }
 
 /// Which number a refusal means.
@@ -294,6 +296,8 @@ pub enum Field {
     Time,
     /// Outside the workspace of hand-guided motion.
     Workspace,
+    /// A tool that is longer than any.
+    Tool,
 }
 
 /// A camera pose out of a hand frame.
@@ -417,6 +421,8 @@ pub struct Telemetry {
     pub counters: Counters,
     /// The robot, if a port is fitted and it was heard in time.
     pub robot: Option<Robot>,
+    /// `flange_from_torch` as this session, or the one that it went on with, has set it.
+    pub tool: Option<WirePose>,
 }
 
 /// What a robot says of itself.

@@ -129,6 +129,7 @@ fn link(watch: &Stopwatch, port: Option<PortConfig>) {
     host.session = wire::session_id(1, 2);
     let released = Panel::default();
     let gripped = Panel { enable: true, ..released };
+    host.command(&mut pendant, Command::SetTool { tool: WirePose::IDENTITY });
     host.command(&mut pendant, Command::Begin(begin()));
     let chunks = TOTAL / MAX_CHUNK as u32;
     let bytes: u32 = (0..chunks).map(|k| host.chunk(watch, &mut pendant, k)).sum();

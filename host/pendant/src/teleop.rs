@@ -228,7 +228,8 @@ impl Twin {
 }
 
 /// Rounded to the wire's grid.
-fn wire_pose(pose: &Isometry3<f64>) -> Option<WirePose> {
+/// As the pendant takes it; none if it is farther away than the wire can say.
+pub fn wire_pose(pose: &Isometry3<f64>) -> Option<WirePose> {
     let position_mm = Point::from(pose.translation.vector.cast::<f32>());
     let orientation = Orientation::new_normalize(pose.rotation.quaternion().cast::<f32>());
     WirePose::from_pose(&TorchPose { position_mm, orientation })

@@ -13,6 +13,7 @@ use weldpath::pendant::teleop;
 use weldpath::pendant::teleop::live::Live;
 use weldpath::pendant::teleop::{Pace, REGIONS, Session, Setup, generator, recording};
 use weldpath::run::job::quantity::Place;
+use weldpath::run::job::robot::RobotSettings;
 use weldpath::simulation;
 use weldpath::simulation::{Noise, Part, Request};
 use weldpath_core::interlock::Fault;
@@ -21,6 +22,7 @@ use weldpath_core::wire::{Telemetry, WireHandFrame};
 use super::folder::{Folder, FolderArgs};
 use super::port::{PortOrSim, lost};
 use super::simulate::keep_real_scans;
+use super::stream::set_tool;
 use super::{Exit, Failure, print, progress, whole};
 
 /// Scan a simulated workpiece by hand gestures, played from recordings to the pendant
@@ -62,9 +64,18 @@ pub(super) struct Args {
     /// Edge of the interaction box
     #[arg(long, value_name = "MM", default_value_t = 100.0, allow_negative_numbers = true)]
     box_mm: f64,
+    /// Where the camera is on the robot's flange, mm and a rotation vector in rad: a robot at the pendant's port needs it
+    #[arg(long, value_name = "X,Y,Z,RX,RY,RZ", value_parser = transform, allow_hyphen_values = true)]
+    flange_from_camera: Option<Isometry3<f64>>,
     /// Print nothing but errors
     #[arg(long, short)]
     quiet: bool,
+}
+
+fn transform(text: &str) -> Result<Isometry3<f64>, String> {
+    let mut robot = RobotSettings::default();
+    robot.place(text)?;
+    Ok(robot.base_from_robot())
 }
 
 /// Views that the made recording captures.
@@ -112,6 +123,11 @@ fn scan(args: &Args, request: &Request, setup: &Setup) -> Result<(), Failure> {
     keep_real_scans(out)?;
     let hands = Hands::open(&args.hands)?;
     let (link, simulated) = args.port.open()?;
+    if let Some(camera) = &args.flange_from_camera {
+        let tool = teleop::wire_pose(camera)
+            .ok_or_else(|| Failure::new(Exit::Usage, "--flange-from-camera is too far from the flange"))?;
+        set_tool(&link, tool)?;
+    }
     enable(&link, simulated.as_ref().map(|(_, panel)| panel), args.quiet)?;
     let session = hands.play(setup, &link, args.quiet)?;
     if !args.quiet {

@@ -13,10 +13,11 @@ use weldpath::pendant::link::program::Upload;
 use weldpath::pendant::link::{
     Event, Former, HELLO_PATIENCE, Link, cause_words, fault_words, refusal_words, rest, saved, state_words,
 };
+use weldpath::pendant::teleop;
 use weldpath::run::job::Job;
 use weldpath::weld::program::Waypoint;
 use weldpath_core::interlock::State;
-use weldpath_core::wire::{self, Answer, Command, Field, ProcessTimes, Refusal, Telemetry};
+use weldpath_core::wire::{self, Answer, Command, Field, ProcessTimes, Refusal, Telemetry, WirePose};
 
 use super::folder::settle;
 use super::keys::{CTRL_C, Keys};
@@ -73,10 +74,20 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
             format!("--back-mm is {}, not 0 to {MOST_BACK_MM}", args.back_mm),
         ));
     }
-    let planned = part(args, read(&args.program)?)?;
-    let times = process_times(&args.program)?;
+    let job = job(&args.program)?;
+    // What moves is a robot, in its own base.
+    let base = job.as_ref().map(|job| job.program_setup().frame.robot_base()).unwrap_or_default();
+    let planned = part(args, base.of(&read(&args.program)?))?;
+    let times = process_times(job.as_ref());
+    let tool = job.as_ref().map(tool).transpose()?.flatten();
     let kept = saved::place(&args.program);
     let link = if args.resume { attach(args, &kept)? } else { args.port.open()? };
+    match (args.resume, tool) {
+        (true, _) => same_tool(&link, tool)?,
+        (false, Some(tool)) => set_tool(&link, tool)?,
+        // Without a robot at the port nobody needs it; with one the pendant says what is missing.
+        (false, None) => {}
+    }
     let limits = link.pendant().limits;
     let upload = |program: &[Waypoint]| {
         program::upload(program, &limits).map(|upload| Upload { times, ..upload }).map_err(|error| {
@@ -120,22 +131,59 @@ fn part(args: &Args, planned: Vec<Waypoint>) -> Result<Vec<Waypoint>, Failure> {
     part.map_err(|error| Failure::new(Exit::Usage, error))
 }
 
-/// The job's times, if the job lies beside the program; else the pendant's usual ones.
-fn process_times(program: &Path) -> Result<ProcessTimes, Failure> {
+/// The job beside the program; none is one that leaves all to its defaults.
+fn job(program: &Path) -> Result<Option<Job>, Failure> {
     let folder = if program.is_dir() { program } else { program.parent().unwrap_or(Path::new("")) };
     let file = folder.join("job.toml");
     if !file.exists() {
-        return Ok(ProcessTimes::default());
+        return Ok(None);
     }
-    let arc = Job::read(&file).map_err(|error| Failure::new(Exit::Input, error))?.arc();
+    Job::read(&file).map(Some).map_err(|error| Failure::new(Exit::Input, error))
+}
+
+/// `flange_from_torch`, if the job says it.
+fn tool(job: &Job) -> Result<Option<WirePose>, Failure> {
+    let Some(tool) = job.tool() else { return Ok(None) };
+    let tool = teleop::wire_pose(&tool.flange_from_torch());
+    tool.map(Some).ok_or_else(|| Failure::new(Exit::Input, "[tool] of the job is too far from the flange"))
+}
+
+pub(super) fn set_tool(link: &Link, tool: WirePose) -> Result<(), Failure> {
+    match link.ask(Command::SetTool { tool }).map_err(lost)? {
+        Answer::Refused(why) => {
+            let why = format!("the pendant refused the tool: {}", refusal_words(why));
+            Err(Failure::new(Exit::Unfinished, why))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// The path that is held was loaded for a tool: with another the torch would be elsewhere.
+fn same_tool(link: &Link, tool: Option<WirePose>) -> Result<(), Failure> {
+    let end = Instant::now() + HELLO_PATIENCE;
+    while Instant::now() < end {
+        let Some(Event::Telemetry(state)) = link.next(TURN).map_err(lost)? else { continue };
+        if state.tool == tool {
+            return Ok(());
+        }
+        let why = "the pendant holds the path with another tool than that of the job beside the program";
+        return Err(Failure::new(Exit::Input, why)
+            .hint("give the [tool] with which it was loaded, or start anew with --from-mm"));
+    }
+    Err(Failure::new(Exit::Pendant, "the pendant says nothing of its tool"))
+}
+
+/// The job's times, if there is a job; else the pendant's usual ones.
+fn process_times(job: Option<&Job>) -> ProcessTimes {
+    let Some(arc) = job.map(Job::arc) else { return ProcessTimes::default() };
     let ms = |s: f64| (s * 1000.0).round().clamp(0.0, f64::from(u16::MAX)) as u16;
-    Ok(ProcessTimes {
+    ProcessTimes {
         pre_flow_ms: ms(arc.gas_preflow_s),
         strike_ms: ms(arc.strike_s),
         crater_fill_ms: ms(arc.crater_s),
         post_flow_ms: ms(arc.gas_postflow_s),
         ..ProcessTimes::default()
-    })
+    }
 }
 
 /// A session that goes on with the path of the one that was kept.

@@ -1,4 +1,4 @@
-//! Version 2 of the wire, byte by byte, and what all versions share with version 1: Hello and its refusals. The files in
+//! Version 3 of the wire, byte by byte, and what all versions share with version 1: Hello and its refusals. The files in
 //! `golden` are never edited: a later version adds one beside them.
 //!
 //! Each line of it is a name, the payload (message without checksum) and the whole frame, in hex; docs/protocol.md
@@ -13,7 +13,7 @@ use weldpath_core::interlock::{ArcPhase, Cause, Fault, State};
 use weldpath_core::wire::frame::{CRC32, Received, decode, encode};
 use weldpath_core::wire::*;
 
-const GOLDEN: &str = include_str!("../../golden/wire_v2.txt");
+const GOLDEN: &str = include_str!("../../golden/wire_v3.txt");
 const FIRST: &str = include_str!("../../golden/wire_v1.txt");
 const PROTOCOL: &str = include_str!("../../../docs/protocol.md");
 
@@ -132,7 +132,7 @@ fn commands() -> Vec<(&'static str, Command)> {
 }
 
 fn from_host() -> Vec<(&'static str, FromHost)> {
-    let hello = Hello { version: 2, schema: 0x1234_5678, nonce: 0xCAFE_F00D };
+    let hello = Hello { version: 3, schema: 0x1234_5678, nonce: 0xCAFE_F00D };
     let chunk = Chunk {
         path: 3,
         first: 8,
@@ -176,6 +176,8 @@ fn answers() -> Vec<(&'static str, Answer)> {
         ("refused-away", refused(Refusal::Away { distance_um: 170_000, turn_mrad: 12 })),
         ("refused-pose-unknown", refused(Refusal::PoseUnknown)),
         ("refused-robot", refused(Refusal::Robot)),
+        ("refused-no-tool", refused(Refusal::NoTool)),
+        ("refused-tool", refused(Refusal::Value(Field::Tool))),
         ("refused-too-fast", refused(Refusal::TooFast { at: 7 })),
         ("refused-arc-barred", refused(Refusal::ArcBarred)),
         ("refused-not-manual", refused(Refusal::NotManual)),
@@ -227,12 +229,13 @@ fn telemetry() -> Telemetry {
             stale: 7,
         },
         robot: Some(Robot { pose: pose(), error_um: 900, drives: port::Drives::Following, lost: 1 }),
+        tool: Some(WirePose { position_um: [-1, 0, 350_000], ..WirePose::IDENTITY }),
     }
 }
 
 fn from_pendant() -> Vec<(&'static str, FromPendant)> {
     let hello =
-        HelloAck { version: 2, nonce: 0xCAFE_F00D, boot: 77, tick: 100_000, request: 9, limits: limits() };
+        HelloAck { version: 3, nonce: 0xCAFE_F00D, boot: 77, tick: 100_000, request: 9, limits: limits() };
     let refused = |why| PendantMessage::HelloRefused(HelloRefused { nonce: 0xCAFE_F00D, why });
     let chunk = |why| PendantMessage::ChunkRefused(ChunkRefused { path: 3, first: 8, at: 1, why });
     let sample = Sample { tick: 100_000, segment: 5, alpha_q24: 1 << 23, pose: pose(), arc: true };
@@ -297,7 +300,7 @@ fn lines<M: Serialize>(messages: &[(&str, M)]) -> Vec<String> {
 }
 
 #[test]
-fn every_message_of_version_2_has_its_golden_bytes() {
+fn every_message_of_version_3_has_its_golden_bytes() {
     let now: Vec<String> = lines(&from_host()).into_iter().chain(lines(&from_pendant())).collect();
     let golden: Vec<&str> = GOLDEN.lines().collect();
     assert_eq!(now, golden, "\nwhole file now:\n{}\n", now.join("\n"));
@@ -366,7 +369,7 @@ fn an_old_host_is_refused_with_both_versions() {
     let weldpath_core::pendant::Action::Send(answer) = pendant.receive(Received::Payload(&payload)) else {
         panic!("no answer")
     };
-    let why = HelloRefusal::Version { host: 1, pendant: 2 };
+    let why = HelloRefusal::Version { host: 1, pendant: 3 };
     assert_eq!(answer.message, PendantMessage::HelloRefused(HelloRefused { nonce: 0xCAFE_F00D, why }));
 }
 

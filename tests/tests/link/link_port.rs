@@ -1,10 +1,13 @@
 //! The robot port in virtual time: an arm that follows, one that is late, off, stopped or lost, and a line that loses frames.
 
 use weldpath_core::interlock::{Cause, State};
+use weldpath_core::path::TorchPose;
 use weldpath_core::pendant::{Config, PortConfig, SetPoint, Tick};
 use weldpath_core::wire::frame::{Received, decode, encode};
 use weldpath_core::wire::port::{Actual, ActualDeframer, Drives, MAX_SET_POINT_FRAME};
-use weldpath_core::wire::{Answer, Command, Q15_ONE, Refusal, Telemetry, WirePose, WireWaypoint};
+use weldpath_core::wire::{
+    Answer, Command, Field, Hand, Q15_ONE, Refusal, Telemetry, WireHandFrame, WireJog, WirePose, WireWaypoint,
+};
 use weldpath_tests::adversary::{Faults, Line, Random};
 use weldpath_tests::arm::{Arm, Limits};
 use weldpath_tests::bench::Bench;
@@ -38,7 +41,9 @@ impl Cell {
     fn new(start: &WirePose) -> Self {
         let (bench, arm) = (Bench::with(&config()), Arm::at(start, Limits::default(), 3));
         let under_way = std::collections::VecDeque::new();
-        Self { bench, arm, bytes: ActualDeframer::new(), delay: Some(0), under_way, path: 1 }
+        let mut cell = Self { bench, arm, bytes: ActualDeframer::new(), delay: Some(0), under_way, path: 1 };
+        assert_eq!(cell.set_tool(WirePose::IDENTITY), Answer::Done);
+        cell
     }
 
     /// Loaded, gripped, and the robot heard.
@@ -87,6 +92,10 @@ impl Cell {
 
     fn start(&mut self) -> Answer {
         self.bench.command(Command::Start { path: 1 })
+    }
+
+    fn set_tool(&mut self, tool: WirePose) -> Answer {
+        self.bench.command(Command::SetTool { tool })
     }
 
     fn seen(&self) -> Telemetry {
@@ -233,7 +242,7 @@ fn the_tool_is_between_the_flange_and_the_torch() {
     let q15 = [half.cos(), 0.0, half.sin(), 0.0].map(|c| (c * f64::from(Q15_ONE)).round() as i16);
     let tool = WirePose { position_um: [10_000, -20_000, 350_000], orientation_q15: q15 };
     let mut cell = Cell::new(&path[0].pose);
-    assert_eq!(cell.bench.command(Command::SetTool { tool }), Answer::Done);
+    assert_eq!(cell.set_tool(tool), Answer::Done);
     cell.bench.load(1, &path);
     cell.ticks(5);
     let Answer::Refused(Refusal::Away { distance_um, .. }) = cell.start() else {
@@ -391,4 +400,209 @@ fn an_answer_of_another_version_or_to_a_frame_never_sent_is_none() {
         cell.hear(&out[..length]);
         assert_eq!(cell.seen().robot, None, "{bad:?}");
     }
+}
+
+#[test]
+fn a_fitted_port_asks_for_the_tool_of_this_session_before_anything_moves() {
+    let path = line(20, 50_000);
+    let mut cell = Cell::loaded(&path, &path[0].pose);
+    assert_eq!(cell.seen().tool, Some(WirePose::IDENTITY));
+    // Another host: what was set before it came is not its own.
+    cell.bench.panel.enable = false;
+    for _ in 0..200 {
+        let _ = cell.bench.tick();
+    }
+    cell.bench.open(99);
+    assert_eq!(cell.seen().tool, None);
+    cell.bench.load(1, &path);
+    cell.ticks(5);
+    let hands = Command::HandFrame(WireHandFrame { time_ms: 0, left: None, right: None });
+    let arm = Command::ArcArm { armed: true };
+    for command in [arm.clone(), Command::Start { path: 1 }, Command::SetJog(jog(&path[0].pose)), hands] {
+        assert_eq!(cell.bench.command(command), Answer::Refused(Refusal::NoTool));
+    }
+    assert_eq!(cell.set_tool(WirePose::IDENTITY), Answer::Done);
+    assert_eq!(cell.bench.command(arm), Answer::Done);
+    cell.ticks(5);
+    assert_eq!(cell.start(), Answer::Done);
+}
+
+#[test]
+fn a_tool_that_is_none_is_refused_for_what_it_is() {
+    let mut cell = Cell::new(&WirePose::IDENTITY);
+    let long = WirePose { position_um: [0, 0, 2_000_001], ..WirePose::IDENTITY };
+    let no_rotation = WirePose { orientation_q15: [0; 4], ..WirePose::IDENTITY };
+    assert_eq!(cell.set_tool(long), Answer::Refused(Refusal::Value(Field::Tool)));
+    assert_eq!(cell.set_tool(no_rotation), Answer::Refused(Refusal::Value(Field::Orientation)));
+    assert_eq!(cell.seen().tool, Some(WirePose::IDENTITY), "the old one holds");
+    let longest = WirePose { position_um: [0, 0, 2_000_000], ..WirePose::IDENTITY };
+    assert_eq!(cell.set_tool(longest), Answer::Done);
+}
+
+fn jog(start: &WirePose) -> WireJog {
+    WireJog {
+        start: *start,
+        box_center_um: [0, 200_000, 0],
+        box_size_um: [100_000; 3],
+        steer_right: false,
+        base_from_sensor_q15: WirePose::IDENTITY.orientation_q15,
+    }
+}
+
+/// A hand anywhere in front of the sensor.
+fn hand(random: &mut Random) -> Hand {
+    let palm_um = [0; 3].map(|_: i32| random.below(400_000) as i32 - 200_000);
+    Hand {
+        palm_um,
+        direction_q15: [0, 0, -Q15_ONE],
+        normal_q15: [0, -Q15_ONE, 0],
+        grab_permille: 0,
+        pinch_permille: 0,
+        confidence_permille: 1000,
+        extended: 31,
+    }
+}
+
+/// Anything that a host may say, at any time.
+fn anything(cell: &Cell, path: &[WireWaypoint], clock_ms: u32, random: &mut Random) -> Command {
+    let (seen, half) = (cell.seen(), 0.2_f64);
+    let turned = [half.cos(), 0.0, half.sin(), 0.0].map(|c| (c * f64::from(Q15_ONE)).round() as i16);
+    let orientation_q15 = if random.chance(0.5) { turned } else { WirePose::IDENTITY.orientation_q15 };
+    let loaded = seen.load.map_or(0, |load| load.path);
+    match random.below(16) {
+        0..=2 => {
+            let position_um = [0; 3].map(|_: i32| random.below(700_000) as i32 - 350_000);
+            Command::SetTool { tool: WirePose { position_um, orientation_q15 } }
+        }
+        3 => Command::SetJog(jog(&seen.robot.map_or(path[0].pose, |robot| robot.pose))),
+        4..=7 => Command::HandFrame(WireHandFrame {
+            time_ms: clock_ms,
+            left: Some(hand(random)),
+            right: random.chance(0.3).then(|| hand(random)),
+        }),
+        8 => Command::ArcArm { armed: random.chance(0.7) },
+        9 => Command::Start { path: loaded },
+        10 => Command::Hold,
+        11 => Command::Stop,
+        12 => Command::Resume { path: loaded, changes: seen.changes, back_um: random.below(20_000) as u32 },
+        13 => Command::Abort { path: loaded },
+        14 => Command::Reset,
+        _ => Command::Subscribe { every: 5 },
+    }
+}
+
+/// `a_from_c` of `a_from_b` and `b_from_c`.
+fn after(a_from_b: &WirePose, b_from_c: &WirePose) -> WirePose {
+    let (first, second) = (a_from_b.to_pose().expect("a pose"), b_from_c.to_pose().expect("a pose"));
+    let position_mm = first.position_mm + first.orientation * second.position_mm.coords;
+    WirePose::from_pose(&TorchPose { position_mm, orientation: first.orientation * second.orientation })
+        .expect("near enough")
+}
+
+fn inverse(pose: &WirePose) -> WirePose {
+    let pose = pose.to_pose().expect("a pose");
+    let orientation = pose.orientation.conjugate();
+    let position_mm = (orientation * -pose.position_mm.coords).into();
+    WirePose::from_pose(&TorchPose { position_mm, orientation }).expect("near enough")
+}
+
+/// Angle between two poses, mrad, by the quaternions' scalar product.
+fn turned_mrad(a: &WirePose, b: &WirePose) -> f64 {
+    let dot: f64 =
+        a.orientation_q15.into_iter().zip(b.orientation_q15).map(|(a, b)| f64::from(a) * f64::from(b)).sum();
+    let norm = |q: &WirePose| q.orientation_q15.iter().map(|c| f64::from(*c).powi(2)).sum::<f64>().sqrt();
+    2e3 * (dot.abs() / norm(a) / norm(b)).min(1.0).acos()
+}
+
+/// What the wire's grid makes of a torch at the end of a tool of 600 mm: um and mrad.
+const GRAIN: (f32, f64) = (100.0, 1.0);
+
+#[test]
+fn whatever_a_host_says_in_whatever_state_no_set_point_jumps_while_motion_is_enabled() {
+    let path = line(120, 50_000);
+    let limits = config();
+    let tick_s = limits.tick_us as f32 * 1e-6;
+    // The documented step of a tick, of a path or by hands: um and mrad.
+    let most = (
+        limits.max_feed_um_s.max(limits.jog.speed_um_s) as f32 * tick_s,
+        f64::from(limits.max_turn_mrad_s.max(limits.jog.turn_mrad_s) as f32 * tick_s),
+    );
+    let (mut states, mut jogged, mut tools) = (std::collections::BTreeMap::new(), 0, [0; 2]);
+    for seed in 0..40 {
+        let mut random = Random::new(seed);
+        let mut cell = Cell::loaded(&path, &path[0].pose);
+        let mut before: Option<(WirePose, WirePose)> = None;
+        for k in 0..1_500_u32 {
+            if random.chance(0.01) {
+                cell.bench.panel.enable = !cell.bench.panel.enable;
+            }
+            if random.chance(0.003) {
+                cell.bench.panel.manual = !cell.bench.panel.manual;
+            }
+            if random.chance(0.05) {
+                // Wherever it stands, the robot may be brought to where a path begins.
+                let seen = cell.seen();
+                if seen.state == State::Ready {
+                    cell.arm.put(&after(&path[0].pose, &inverse(&seen.tool.expect("it was set"))));
+                }
+                if seen.state == State::Idle && !cell.bench.panel.manual && cell.bench.panel.enable {
+                    cell.path = cell.path.wrapping_add(1);
+                    cell.bench.load(cell.path, &path);
+                    before = None;
+                }
+            }
+            if random.chance(0.2) {
+                let command = anything(&cell, &path, 2 * k, &mut random);
+                let is_tool = matches!(command, Command::SetTool { .. });
+                let jogs = matches!(command, Command::HandFrame(_));
+                let answer = cell.bench.command(command);
+                tools[0] += usize::from(is_tool && answer == Answer::Done);
+                tools[1] += usize::from(is_tool && answer != Answer::Done);
+                jogged += usize::from(jogs && matches!(answer, Answer::Pose(_)));
+            }
+            let tick = cell.tick();
+            let seen = cell.seen();
+            *states.entry(format!("{:?}", seen.state)).or_insert(0) += 1;
+            let tool = seen.tool.expect("it was set");
+            let frame = tick.robot.expect("fitted");
+            let torch = frame.pose.filter(|_| frame.motion).map(|flange| after(&flange, &tool));
+            if let (Some((torch_before, tool_before)), Some(torch)) = (&before, &torch) {
+                let step_um = torch_before.distance_um(torch);
+                let turn_mrad = turned_mrad(torch_before, torch);
+                assert_eq!(*tool_before, tool, "seed {seed}, tick {k}: another tool while motion is enabled");
+                assert!(
+                    step_um < most.0 + GRAIN.0 && turn_mrad < most.1 + GRAIN.1,
+                    "seed {seed}, tick {k}: {step_um} um, {turn_mrad} mrad"
+                );
+            }
+            before = torch.map(|torch| (torch, tool));
+        }
+    }
+    println!("ticks in states {states:?}; {jogged} hand frames; tools taken and refused {tools:?}");
+    assert!(states.len() >= 5 && states.values().all(|ticks| *ticks > 50), "{states:?}");
+    assert!(jogged > 500 && tools[0] > 50 && tools[1] > 50, "{jogged} {tools:?}");
+}
+
+#[test]
+fn a_tool_is_taken_neither_on_the_way_nor_where_a_path_waits_to_go_on() {
+    let mut cell = Cell::welding();
+    let other = WirePose { position_um: [0, 0, 100_000], ..WirePose::IDENTITY };
+    assert_eq!(cell.set_tool(other), Answer::Refused(Refusal::Moving));
+    assert_eq!(cell.bench.command(Command::Hold), Answer::Done);
+    assert_eq!(cell.set_tool(other), Answer::Refused(Refusal::Moving));
+    cell.ticks(300);
+    assert_eq!(cell.seen().state, State::Held);
+    assert_eq!(cell.set_tool(other), Answer::Refused(Refusal::State(State::Held)));
+    assert_eq!(cell.seen().tool, Some(WirePose::IDENTITY));
+    // Whoever goes on with the path has its tool.
+    let seen = cell.seen();
+    let former = weldpath_tests::bench::NONCE;
+    cell.bench.panel.enable = false;
+    for _ in 0..200 {
+        let _ = cell.bench.tick();
+    }
+    let digest = weldpath_core::wire::path_digest(&line(300, 50_000)).expect("short");
+    let answer = cell.bench.attach(5, former, seen.load.expect("loaded").path, digest);
+    assert!(matches!(answer, weldpath_core::wire::PendantMessage::HelloAck(_)), "{answer:?}");
+    assert_eq!(cell.seen().tool, Some(WirePose::IDENTITY));
 }

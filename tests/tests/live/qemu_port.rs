@@ -80,6 +80,8 @@ fn load(client: &mut Client, panel: &Panel, path: &[WireWaypoint]) {
         times: ProcessTimes::default(),
     };
     client.load(begin, path).expect("loads");
+    let tool = WirePose::IDENTITY;
+    assert_eq!(client.ask(Command::SetTool { tool }).expect("asked"), Answer::Done);
     panel.set(GRIPPED).expect("gripped");
     client.wait_for_state(|state| state.pins & Telemetry::ENABLED != 0).expect("enabled");
 }
@@ -95,6 +97,8 @@ fn an_arm_of_its_own_process_follows_the_weld_and_a_silent_one_starts_nothing() 
     let (machine, panel, socket) = Machine::boot_with_port(&program, Wire::Socket).expect("boots");
     let mut client = Client::new(machine.open_link().expect("opens"));
     client.connect(0x77).expect("a session");
+    let arm = Command::ArcArm { armed: true };
+    assert_eq!(client.ask(arm).expect("asked"), Answer::Refused(Refusal::NoTool), "the flange is no torch");
     let path = line(60);
     load(&mut client, &panel, &path);
     assert_eq!(start(&mut client), Answer::Refused(Refusal::Robot), "fitted, and nobody there");

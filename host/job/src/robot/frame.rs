@@ -43,7 +43,7 @@ pub struct ProgramFrame {
 
 impl ProgramFrame {
     /// The program, of the scan's base frame, in this one.
-    pub(super) fn of(&self, waypoints: &[Waypoint]) -> Vec<Waypoint> {
+    pub fn of(&self, waypoints: &[Waypoint]) -> Vec<Waypoint> {
         let by = self.frame_from_base;
         // A turn by nothing would change the last digit.
         let moved = |point: &Waypoint| match by == Isometry3::identity() {
@@ -58,7 +58,7 @@ impl ProgramFrame {
     }
 
     /// The robot's own base in its place.
-    pub(super) fn robot_base(&self) -> Self {
+    pub fn robot_base(&self) -> Self {
         let frame_from_base = self.robot_from_frame * self.frame_from_base;
         Self { source: FrameSource::RobotBase, robot_from_frame: Isometry3::identity(), frame_from_base }
     }

@@ -94,6 +94,7 @@ pub fn refusal_words(refusal: Refusal) -> String {
             format!("waypoint {at} is to be welded faster than manual mode allows; it is not welded slower")
         }
         Refusal::ArcBarred => "the arc is barred on this path".into(),
+        Refusal::NoTool => "a robot port is fitted, and no tool was set: `stream` sends [tool] of the job, `scan` its --flange-from-camera".into(),
         Refusal::NotManual => "the key switch at the pendant is not in manual".into(),
         Refusal::Value(field) => format!("the {} is out of range", field_words(field)),
     }
@@ -110,6 +111,7 @@ fn field_words(field: Field) -> &'static str {
         Field::Size => "box or radius",
         Field::Back => "way back",
         Field::Time => "time of the arc's sequence",
+        Field::Tool => "tool's length",
         Field::Workspace => "camera's place, which has to be in the workspace,",
     }
 }
