@@ -76,7 +76,8 @@ fn opening(setup: &ProgramSetup, joints: Option<&Joints>) -> Vec<String> {
     lines.push(format!("  !Edit {} and CONFIG", weld_instruction(setup, "Start")));
     let mut own = vec![NO_SAFETY_FUNCTION.into()];
     own.push("Check on the controller: Arc enable, weld restart (Resume). Not verified.".into());
-    own.extend(setup.frame.remark(&xyzwpr(&setup.frame.robot_from_frame).join(" ")));
+    let [x, y, z, w, p, r] = xyzwpr(&setup.frame.robot_from_frame);
+    own.extend(setup.frame.remark(&format!("X {x} Y {y} Z {z} W {w} P {p} R {r}")));
     own.extend(Joints::remarks(joints));
     if joints.is_some() {
         own.push("CONFIG: U/D and T/B are not verified.".into());
@@ -91,14 +92,14 @@ fn opening(setup: &ProgramSetup, joints: Option<&Joints>) -> Vec<String> {
             lines.extend(by_register(register, kind, number, &transform));
         }
     }
-    if setup.tool_source != ToolSource::Usual {
+    if setup.tool_source.is_held() {
         lines.push(format!("  !UTOOL {} of the controller", setup.tool_number));
-    } else if let Some(tool) = &setup.tool {
+    } else if let Some(tool) = setup.tool.as_ref().filter(|_| setup.tool_source == ToolSource::Usual) {
         let [x, y, z] = tool.flange_from_tcp_mm.map(decimal::<1>);
         let [r, p, w] = rotation_vector_to_euler_zyx_deg(tool.flange_from_tcp_rotation_rad).map(decimal::<2>);
         lines.push(format!("  !Set UTOOL {}, mm and degrees", setup.tool_number));
         lines.extend([format!("  !X {x} W {w}"), format!("  !Y {y} P {p}"), format!("  !Z {z} R {r}")]);
-    } else {
+    } else if setup.tool_source == ToolSource::Usual {
         lines.push(format!("  !UTOOL {} as on the pendant", setup.tool_number));
     }
     lines.push(format!("  UFRAME_NUM={}", user_frame(setup)));

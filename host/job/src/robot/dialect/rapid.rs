@@ -204,7 +204,7 @@ impl Writer<'_> {
         });
         let [at, turned] = pose(&setup.frame.robot_from_frame);
         own.extend(setup.frame.remark(&format!("[{at},{turned}]")));
-        if setup.frame.source != FrameSource::RobotBase {
+        if !setup.frame.is_all_one() {
             own.push("The robot's base has to be the world frame: a work object stands in that one.".into());
         }
         own.extend(Joints::remarks(self.joints));
