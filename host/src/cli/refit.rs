@@ -6,7 +6,7 @@ use weldpath::files::File;
 use weldpath::files::reading;
 use weldpath::input;
 use weldpath::output::frame::PathFrame;
-use weldpath::output::verdict::ReasonId;
+use weldpath::output::verdict::{ReasonId, State};
 use weldpath::output::{json, ply};
 use weldpath::robot::dialect::ProgramSetup;
 use weldpath::run::job::Job;
@@ -73,14 +73,23 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
             .hint("scan the ends of the part, too; or check the place, and say --accept-unknown"));
     }
     let program = refit::moved(&saved.program, &fit.new_from_old);
-    let setup = ProgramSetup { remarks: vec![refitted(&args.saved)], ..saved.job.program_setup() };
+    let (verdict, posture) = refit::checked(&program, &new, &saved.job);
+    if verdict.state == State::Refused {
+        let why = format!("the program cannot be run where the part is now: {}", verdict.lines().join("; "));
+        return Err(Failure::new(Exit::Refused, why)
+            .hint("docs/troubleshooting.md says of each reason what to do; nothing was written"));
+    }
+    let remarks = [refitted(&args.saved)].into_iter().chain(verdict.lines()).collect();
+    let setup = ProgramSetup { remarks, posture, ..saved.job.program_setup() };
     let mut files = program_files(&program, frame, &saved.job, &setup).map_err(super::plan::too_long)?;
     files.push(File::new("model.ply", ply::write(&new, frame)));
     files.push(File::new("job.toml", saved.job.to_toml()));
     files.push(File::new("refit.json", summary(&fit)));
     folder.write(&files)?;
     let names: Vec<&str> = files.iter().map(|file| file.name.as_str()).collect();
-    let text = told(&fit, &scan.warnings) + &format!("{}: {}\n", args.out.display(), names.join(", "));
+    let said = verdict.lines().join("\n") + "\n";
+    let text =
+        said + &told(&fit, &scan.warnings) + &format!("{}: {}\n", args.out.display(), names.join(", "));
     if args.quiet { Ok(()) } else { print(&text) }
 }
 
@@ -95,11 +104,11 @@ fn hold_frame(frame: PathFrame, job: &Job) -> Result<(), Failure> {
     Err(Failure::new(Exit::Refused, message).hint("give a scan.json with poses"))
 }
 
-/// What the verdict was said of is the saved plan; its reasons hold for what was moved.
+/// What was found of the seams is the saved plan's; torch and arm are checked anew.
 fn refitted(saved: &Path) -> String {
     let folder =
         saved.file_name().map_or_else(|| saved.display().to_string(), |name| name.to_string_lossy().into());
-    format!("refitted from {folder}: the verdict in its summary.json holds")
+    format!("refitted from {folder}: what its summary.json says of the seams holds")
 }
 
 struct Saved {

@@ -6,6 +6,7 @@ use weldpath::input;
 use weldpath::run::refit::{Error, cloud, moved, refit};
 use weldpath::simulation::{Part, Request, simulate, write};
 use weldpath::weld::program::{Kind, Waypoint};
+use weldpath_tests::command::{end_of, plan_the_cell, weldpath};
 
 /// A part seen by every other camera of a scan, seen by the others, its true seams as a program, and the table's height.
 struct Seen {
@@ -158,4 +159,36 @@ fn the_command_writes_nothing_along_an_unknown_direction_unless_told_to() {
     assert!(!scratch.path().join("moved/path.json").exists());
     assert!(run(&["refit", "saved", pipe, "--out", "moved", "--accept-unknown", "-q"]).status.success());
     assert!(scratch.path().join("moved/path.json").exists());
+}
+
+#[test]
+fn the_arm_is_checked_anew_where_the_part_is_now() {
+    let home = tempfile::tempdir().unwrap();
+    let fixture = plan_the_cell(home.path());
+    let refit = |out: &str| {
+        let mut command = weldpath();
+        command.args(["refit", "out"]).arg(&fixture).args(["--out", out]).current_dir(home.path());
+        end_of(&mut command)
+    };
+    let good = refit("near");
+    assert_eq!(good.code, Some(0), "{}", good.said);
+    assert!(
+        good.said.contains("verdict: check") && good.said.contains("first-move-unchecked"),
+        "{}",
+        good.said
+    );
+    let script = std::fs::read_to_string(home.path().join("near/path.script")).unwrap();
+    assert!(
+        script.contains("movej([") && script.contains("links of"),
+        "it begins by the joints that were checked"
+    );
+    // The robot stands elsewhere: what the saved plan was checked for holds no longer.
+    let job = home.path().join("out/job.toml");
+    let text = std::fs::read_to_string(&job).unwrap();
+    let far = text.replace("base_mm = [0.0, 0.0, 0.0]", "base_mm = [5000.0, 0.0, 0.0]");
+    assert_ne!(far, text);
+    std::fs::write(&job, far).unwrap();
+    let refused = refit("far");
+    assert_eq!(refused.code, Some(8), "{}", refused.said);
+    assert!(refused.said.contains("infeasible") && !home.path().join("far").exists(), "{}", refused.said);
 }

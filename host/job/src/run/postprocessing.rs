@@ -19,6 +19,7 @@ use crate::run::selection;
 use crate::run::selection::select;
 use crate::run::verdict;
 use weldpath_files::File;
+use weldpath_method::geometry::cloud::PointCloud;
 use weldpath_method::pipeline::Plan;
 use weldpath_method::seam::Joint;
 use weldpath_method::weld::SeamPath;
@@ -94,10 +95,7 @@ pub fn postprocess(plan: &Plan, job: &Job, source: Source) -> Result<Output, Err
     let mut found = source.findings.clone();
     found.extend(verdict::of_plan(plan, job));
     found.extend(verdict::tips_inside(&paths, &plan.model));
-    found.extend(problems(&program, plan, job, feasibility.as_ref()));
-    found.extend(verdict::of_arm(job));
-    let limits = feasibility.as_ref().map(verdict::limits).unwrap_or_default();
-    let verdict = Verdict::new(found, &job.accept).with_limits(limits);
+    let verdict = verdict_on(&program.waypoints, &plan.model, job, feasibility.as_ref(), found);
     let summary = Summary::new(plan, source, &lines, &paths, job.order.up.get(), warnings)
         .with_joints(plan, &stated_joints(plan, job)?, &lines, job.order.up.get())
         .with_feasibility(feasibility.as_ref())
@@ -311,13 +309,22 @@ fn feasibility(plan: &Plan, job: &Job, seams: &[(SeamPath, Weld)], terrain: &Ter
     Some(feasibility::assess(&rewelded, &plan.model, &job.feasibility()?))
 }
 
-/// Where torch or arm cannot go; a torch of usual size is held against the scan where the job says nothing of one.
-fn problems(program: &Program, plan: &Plan, job: &Job, feasibility: Option<&Report>) -> Vec<Finding> {
-    let Some(report) = feasibility else {
-        let collisions = feasibility::collisions(&program.waypoints, &plan.model, job.torch_body());
-        return verdict::of_problems(&collisions, "");
-    };
-    verdict::of_problems(&report.problems, report.robot.as_deref().unwrap_or_default())
+/// What `found` and torch and arm say of a program; a torch of usual size is held against the scan where the job says
+/// nothing of one.
+pub(super) fn verdict_on(
+    program: &[Waypoint],
+    model: &PointCloud,
+    job: &Job,
+    feasibility: Option<&Report>,
+    mut found: Vec<Finding>,
+) -> Verdict {
+    found.extend(match feasibility {
+        Some(report) => verdict::of_problems(&report.problems, report.robot.as_deref().unwrap_or_default()),
+        None => verdict::of_problems(&feasibility::collisions(program, model, job.torch_body()), ""),
+    });
+    found.extend(verdict::of_arm(job));
+    let limits = feasibility.map(verdict::limits).unwrap_or_default();
+    Verdict::new(found, &job.accept).with_limits(limits)
 }
 
 fn tool_warning(job: &Job) -> Option<String> {

@@ -21,6 +21,12 @@ use part::{Part, sample, with_edges};
 use search::{candidates, smallest};
 use slide::{hardly_seen, settle};
 use target::{Target, rms_mm, share};
+
+use crate::output::verdict::Verdict;
+use crate::robot::feasibility;
+use crate::robot::posture::PlannedPosture;
+use crate::run::job::Job;
+use crate::run::postprocessing::verdict_on;
 use weldpath_method::geometry::cloud::{Merged, PointCloud, View};
 use weldpath_method::model::{downsampling, normals, orientation, reconstruction};
 use weldpath_method::weld::program::Waypoint;
@@ -154,6 +160,14 @@ pub fn refit(program: &[Waypoint], model: &PointCloud, new: &PointCloud) -> Resu
     }
     let fit = describe(found, pose, &part, rms_mm(&many, &fine, &pose), warnings);
     Ok(Refit { unknown: !known, ..fit })
+}
+
+/// What torch and arm say of the moved program on the new scan, and how the arm stands along it. What the saved plan was
+/// checked for holds no longer.
+pub fn checked(program: &[Waypoint], new: &PointCloud, job: &Job) -> (Verdict, Option<PlannedPosture>) {
+    let report = job.feasibility().map(|setup| feasibility::assess(&|_| program.to_vec(), new, &setup));
+    let verdict = verdict_on(program, new, job, report.as_ref(), Vec::new());
+    (verdict, report.and_then(|report| report.posture))
 }
 
 /// The program where the part is now.
