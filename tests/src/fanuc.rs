@@ -255,20 +255,16 @@ impl Robot<'_> {
             let number = |text: &str| text.parse::<u32>().map_err(|_| format!("no number: {text:?}"));
             Ok::<u32, String>(1000 * number(procedure)? + number(schedule)?)
         };
-        if let Some(rest) = line.strip_prefix("Weld Start") {
+        // With a procedure, or by the schedule alone: the end has to say the same.
+        let data = |which: &str| {
+            let with = line.strip_prefix(&format!("Weld {which}")).map(weld);
+            with.or_else(|| line.strip_prefix(&format!("Arc {which}")).map(schedule)).transpose()
+        };
+        if let Some(number) = data("Start")? {
             require(self.burning.is_none(), || "the arc burns already".into())?;
             require(self.ran.steps.last().is_some_and(|step| step.stops), || "struck on the move".into())?;
-            self.burning = Some(weld(rest)?);
-        } else if let Some(rest) = line.strip_prefix("Weld End") {
-            let number = weld(rest)?;
-            require(self.burning == Some(number), || "the arc does not burn, or with other data".into())?;
-            self.burning = None;
-        } else if let Some(rest) = line.strip_prefix("Arc Start") {
-            require(self.burning.is_none(), || "the arc burns already".into())?;
-            require(self.ran.steps.last().is_some_and(|step| step.stops), || "struck on the move".into())?;
-            self.burning = Some(schedule(rest)?);
-        } else if let Some(rest) = line.strip_prefix("Arc End") {
-            let number = schedule(rest)?;
+            self.burning = Some(number);
+        } else if let Some(number) = data("End")? {
             require(self.burning == Some(number), || "the arc does not burn, or with other data".into())?;
             self.burning = None;
         } else if let Some(number) = line.strip_prefix("UFRAME_NUM=") {

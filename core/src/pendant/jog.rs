@@ -57,9 +57,9 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
         self.jogging.commanded = from.and_then(|from| toward(&from, &target, step_mm, turn_rad));
     }
 
-    /// Whether hands move the camera, or may do so with the next frame.
+    /// Whether hands have moved the camera since the switch was gripped: only they give it a target.
     pub(super) fn jogs(&self) -> bool {
-        self.jogging.begun || self.jogging.commanded.is_some()
+        self.jogging.begun
     }
 
     /// Where hands have the camera commanded to be.

@@ -5,9 +5,10 @@ use std::path::PathBuf;
 use weldpath::pendant::emulator;
 use weldpath::pendant::emulator::Emulator;
 use weldpath::pendant::link;
-use weldpath::pendant::link::Link;
+use weldpath::pendant::link::{Link, refusal_words};
 use weldpath::pendant::serial;
 use weldpath::pendant::serial::Address;
+use weldpath_core::wire::{Answer, Command, WirePose};
 
 use super::{Exit, Failure, whole};
 
@@ -79,6 +80,17 @@ fn open(address: &Address, baud: u32) -> Result<Link, Failure> {
     let line = serial::open(address, baud)
         .map_err(|error| Failure::new(Exit::Pendant, &error).hint(error.hint()))?;
     Link::open(line).map_err(lost)
+}
+
+/// Says where torch or camera is on the flange.
+pub(super) fn set_tool(link: &Link, tool: WirePose) -> Result<(), Failure> {
+    match link.ask(Command::SetTool { tool }).map_err(lost)? {
+        Answer::Refused(why) => {
+            let why = format!("the pendant refused the tool: {}", refusal_words(why));
+            Err(Failure::new(Exit::Unfinished, why))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// No session, or none any more.

@@ -13,16 +13,15 @@ use weldpath::pendant::teleop;
 use weldpath::pendant::teleop::live::Live;
 use weldpath::pendant::teleop::{Pace, REGIONS, Session, Setup, generator, recording};
 use weldpath::run::job::quantity::Place;
-use weldpath::run::job::robot::RobotSettings;
+use weldpath::run::job::robot::transform;
 use weldpath::simulation;
 use weldpath::simulation::{Noise, Part, Request};
 use weldpath_core::interlock::Fault;
 use weldpath_core::wire::{Telemetry, WireHandFrame};
 
 use super::folder::{Folder, FolderArgs};
-use super::port::{PortOrSim, lost};
+use super::port::{PortOrSim, lost, set_tool};
 use super::simulate::keep_real_scans;
-use super::stream::set_tool;
 use super::{Exit, Failure, print, progress, whole};
 
 /// Scan a simulated workpiece by hand gestures, played from recordings to the pendant
@@ -70,12 +69,6 @@ pub(super) struct Args {
     /// Print nothing but errors
     #[arg(long, short)]
     quiet: bool,
-}
-
-fn transform(text: &str) -> Result<Isometry3<f64>, String> {
-    let mut robot = RobotSettings::default();
-    robot.place(text)?;
-    Ok(robot.base_from_robot())
 }
 
 /// Views that the made recording captures.

@@ -21,7 +21,7 @@ use weldpath_core::wire::{self, Answer, Command, Field, ProcessTimes, Refusal, T
 
 use super::folder::settle;
 use super::keys::{CTRL_C, Keys};
-use super::port::{Port, lost};
+use super::port::{Port, lost, set_tool};
 use super::{Exit, Failure, print, progress};
 
 /// Load a planned program into the pendant and weld it
@@ -146,16 +146,6 @@ fn tool(job: &Job) -> Result<Option<WirePose>, Failure> {
     let Some(tool) = job.tool() else { return Ok(None) };
     let tool = teleop::wire_pose(&tool.flange_from_torch());
     tool.map(Some).ok_or_else(|| Failure::new(Exit::Input, "[tool] of the job is too far from the flange"))
-}
-
-pub(super) fn set_tool(link: &Link, tool: WirePose) -> Result<(), Failure> {
-    match link.ask(Command::SetTool { tool }).map_err(lost)? {
-        Answer::Refused(why) => {
-            let why = format!("the pendant refused the tool: {}", refusal_words(why));
-            Err(Failure::new(Exit::Unfinished, why))
-        }
-        _ => Ok(()),
-    }
 }
 
 /// The path that is held was loaded for a tool: with another the torch would be elsewhere.

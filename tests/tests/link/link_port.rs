@@ -13,6 +13,8 @@ use weldpath_tests::arm::{Arm, Limits};
 use weldpath_tests::bench::Bench;
 use weldpath_tests::world;
 
+use crate::link_rules::hand;
+
 fn config() -> Config {
     Config { port: Some(PortConfig::default()), ..world::config() }
 }
@@ -450,17 +452,8 @@ fn jog(start: &WirePose) -> WireJog {
 }
 
 /// A hand anywhere in front of the sensor.
-fn hand(random: &mut Random) -> Hand {
-    let palm_um = [0; 3].map(|_: i32| random.below(400_000) as i32 - 200_000);
-    Hand {
-        palm_um,
-        direction_q15: [0, 0, -Q15_ONE],
-        normal_q15: [0, -Q15_ONE, 0],
-        grab_permille: 0,
-        pinch_permille: 0,
-        confidence_permille: 1000,
-        extended: 31,
-    }
+fn any_hand(random: &mut Random) -> Hand {
+    hand([0; 3].map(|_: i32| random.below(400_000) as i32 - 200_000), 1000)
 }
 
 /// Anything that a host may say, at any time.
@@ -477,8 +470,8 @@ fn anything(cell: &Cell, path: &[WireWaypoint], clock_ms: u32, random: &mut Rand
         3 => Command::SetJog(jog(&seen.robot.map_or(path[0].pose, |robot| robot.pose))),
         4..=7 => Command::HandFrame(WireHandFrame {
             time_ms: clock_ms,
-            left: Some(hand(random)),
-            right: random.chance(0.3).then(|| hand(random)),
+            left: Some(any_hand(random)),
+            right: random.chance(0.3).then(|| any_hand(random)),
         }),
         8 => Command::ArcArm { armed: random.chance(0.7) },
         9 => Command::Start { path: loaded },

@@ -687,7 +687,7 @@ fn a_restart_in_place_of_a_resume_never_jumps() {
 
 // Hands.
 
-fn hand(palm_um: [i32; 3], confidence_permille: u16) -> Hand {
+pub(crate) fn hand(palm_um: [i32; 3], confidence_permille: u16) -> Hand {
     Hand {
         palm_um,
         direction_q15: [0, 0, -Q15_ONE],

@@ -147,15 +147,32 @@ impl Report {
 
 /// Checks the program that `program` makes without changes, and tries changes where it fails.
 pub(crate) fn assess(program: &Rewelded, model: &PointCloud, setup: &FeasibilitySetup) -> Report {
+    judged(&program(&[]), model, setup, |checker, problems| suggestion::tried(checker, program, problems))
+}
+
+/// Checks a program that cannot be made anew: no change is tried.
+pub(crate) fn assess_as_it_is(
+    waypoints: &[Waypoint],
+    model: &PointCloud,
+    setup: &FeasibilitySetup,
+) -> Report {
+    judged(waypoints, model, setup, |_, _| Vec::new())
+}
+
+fn judged(
+    waypoints: &[Waypoint],
+    model: &PointCloud,
+    setup: &FeasibilitySetup,
+    suggest: impl FnOnce(&Checker<'_>, &[Problem]) -> Vec<Suggestion>,
+) -> Report {
     let obstacles = Obstacles::new(model);
     let checker = Checker::new(setup, &obstacles);
-    let waypoints = program(&[]);
-    let stations = moves::stations(&waypoints);
+    let stations = moves::stations(waypoints);
     let way = checker.links.as_ref().map(|links| links.follow(&stations));
     let checks = checker.checks(&stations, waypoints.len(), way.as_ref(), Depth::Full);
-    let mut problems = checker.problems(&waypoints, &checks);
-    problems.extend(checker.ways_of_home(&waypoints, &checks));
-    let suggestions = suggestion::tried(&checker, program, &problems);
+    let mut problems = checker.problems(waypoints, &checks);
+    problems.extend(checker.ways_of_home(waypoints, &checks));
+    let suggestions = suggest(&checker, &problems);
     let links = checker.links.as_ref();
     Report {
         robot: links.map(|links| links.robot.arm.name.clone()),

@@ -18,11 +18,11 @@ pub struct Tool {
 impl Tool {
     /// The torch frame of a program in the flange's, mm: its n, out of the work, where the tool's z points into it.
     pub fn flange_from_torch(&self) -> Isometry3<f64> {
-        self.transform() * UnitQuaternion::from_axis_angle(&Vector3::y_axis(), std::f64::consts::PI)
+        self.flange_from_tcp() * UnitQuaternion::from_axis_angle(&Vector3::y_axis(), std::f64::consts::PI)
     }
 
     /// The tip in the flange's frame, mm.
-    pub(super) fn transform(&self) -> Isometry3<f64> {
+    pub(crate) fn flange_from_tcp(&self) -> Isometry3<f64> {
         let rotation = UnitQuaternion::from_scaled_axis(Vector3::from(self.flange_from_tcp_rotation_rad));
         Isometry3::from_parts(Translation3::from(self.flange_from_tcp_mm), rotation)
     }

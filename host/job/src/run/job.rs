@@ -363,10 +363,8 @@ impl Job {
     /// What the feasibility check needs; none if neither a robot nor a torch is given.
     pub fn feasibility(&self) -> Option<FeasibilitySetup> {
         let robot = self.robot.as_ref().and_then(|robot| {
-            let flange_from_tcp = match &self.tool {
-                Some(tool) => robot::pose(tool.flange_from_tcp_mm, tool.flange_from_tcp_rotation_rad),
-                None => Isometry3::translation(0.0, 0.0, ASSUMED_TCP_MM),
-            };
+            let assumed = Isometry3::translation(0.0, 0.0, ASSUMED_TCP_MM);
+            let flange_from_tcp = self.tool().map_or(assumed, |tool| tool.flange_from_tcp());
             let arm = robot.arm()?;
             let home = |counting: Counting| Some(counting.from_shown_rad(&robot.home_deg?));
             let home_rad = arm.counting.and_then(home);

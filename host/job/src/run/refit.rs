@@ -165,7 +165,7 @@ pub fn refit(program: &[Waypoint], model: &PointCloud, new: &PointCloud) -> Resu
 /// What torch and arm say of the moved program on the new scan, and how the arm stands along it. What the saved plan was
 /// checked for holds no longer.
 pub fn checked(program: &[Waypoint], new: &PointCloud, job: &Job) -> (Verdict, Option<PlannedPosture>) {
-    let report = job.feasibility().map(|setup| feasibility::assess(&|_| program.to_vec(), new, &setup));
+    let report = job.feasibility().map(|setup| feasibility::assess_as_it_is(program, new, &setup));
     let verdict = verdict_on(program, new, job, report.as_ref(), Vec::new());
     (verdict, report.and_then(|report| report.posture))
 }

@@ -11,7 +11,7 @@ use std::ops::Range;
 
 use nalgebra::{Isometry3, UnitQuaternion};
 
-use super::moves::{Move, Switch, TooLong, decimal, euler_zyx_deg, parts, rotation_vector_to_euler_zyx_deg};
+use super::moves::{Move, Switch, TooLong, decimal, euler_zyx_deg, parts};
 use super::{Dialect, Joints, NO_SAFETY_FUNCTION, ProgramSetup, Stance, part_name};
 use crate::robot::frame::{FrameSource, ToolSource};
 use crate::robot::tool::Tool;
@@ -85,22 +85,29 @@ fn opening(setup: &ProgramSetup, joints: Option<&Joints>) -> Vec<String> {
     lines.extend(setup.head(&own, REMARK).into_iter().map(|remark| format!("  !{remark}")));
     let registers = [
         (setup.frame.register(), "UFRAME", user_frame(setup), Some(setup.frame.robot_from_frame)),
-        (setup.tool_source.register(), "UTOOL", setup.tool_number, setup.tool.as_ref().map(Tool::transform)),
+        (
+            setup.tool_source.register(),
+            "UTOOL",
+            setup.tool_number,
+            setup.tool.as_ref().map(Tool::flange_from_tcp),
+        ),
     ];
     for (register, kind, number, transform) in registers {
         if let (Some(register), Some(transform)) = (register, transform) {
             lines.extend(by_register(register, kind, number, &transform));
         }
     }
-    if setup.tool_source.is_held() {
-        lines.push(format!("  !UTOOL {} of the controller", setup.tool_number));
-    } else if let Some(tool) = setup.tool.as_ref().filter(|_| setup.tool_source == ToolSource::Usual) {
-        let [x, y, z] = tool.flange_from_tcp_mm.map(decimal::<1>);
-        let [r, p, w] = rotation_vector_to_euler_zyx_deg(tool.flange_from_tcp_rotation_rad).map(decimal::<2>);
-        lines.push(format!("  !Set UTOOL {}, mm and degrees", setup.tool_number));
-        lines.extend([format!("  !X {x} W {w}"), format!("  !Y {y} P {p}"), format!("  !Z {z} R {r}")]);
-    } else if setup.tool_source == ToolSource::Usual {
-        lines.push(format!("  !UTOOL {} as on the pendant", setup.tool_number));
+    let number = setup.tool_number;
+    match (&setup.tool_source, &setup.tool) {
+        (ToolSource::Register { .. }, _) => {}
+        (ToolSource::Held(_), _) => lines.push(format!("  !UTOOL {number} of the controller")),
+        (ToolSource::Usual, None) => lines.push(format!("  !UTOOL {number} as on the pendant")),
+        (ToolSource::Usual, Some(tool)) => {
+            let [x, y, z] = tool.flange_from_tcp_mm.map(decimal::<1>);
+            let [w, p, r] = wpr_deg(&tool.flange_from_tcp().rotation).map(decimal::<2>);
+            lines.push(format!("  !Set UTOOL {number}, mm and degrees"));
+            lines.extend([format!("  !X {x} W {w}"), format!("  !Y {y} P {p}"), format!("  !Z {z} R {r}")]);
+        }
     }
     lines.push(format!("  UFRAME_NUM={}", user_frame(setup)));
     lines.push(format!("  UTOOL_NUM={}", setup.tool_number));

@@ -13,11 +13,10 @@ use std::fmt::Write;
 
 use nalgebra::{Isometry3, UnitQuaternion};
 
-use super::moves::{Move, Switch, TooLong, decimal, euler_zyx_deg, parts, rotation_vector_to_euler_zyx_deg};
+use super::moves::{Move, Switch, TooLong, decimal, euler_zyx_deg, parts};
 use super::{Dialect, Joints, NO_SAFETY_FUNCTION, ProgramSetup, UNCHECKED_MOVE, part_name};
 use crate::robot::arc::WeldingArc;
 use crate::robot::frame::{FrameSource, ProgramFrame};
-use crate::robot::tool::Tool;
 use weldpath_files::File;
 use weldpath_method::weld::program::Waypoint;
 
@@ -223,18 +222,16 @@ fn lost(name: &str) -> String {
 }
 
 fn tool(setup: &ProgramSetup) -> String {
-    let Some(&Tool { flange_from_tcp_mm, flange_from_tcp_rotation_rad, payload_kg, payload_centre_mm }) =
-        setup.written_tool()
-    else {
+    let Some(tool) = setup.written_tool() else {
         let why = if setup.tool_source.is_held() { "" } else { "; the job file has no [tool]" };
         return format!("; Tool of the controller{why}.\nBAS(#TOOL,{})\n", setup.tool_number);
     };
-    let [a, b, c] = rotation_vector_to_euler_zyx_deg(flange_from_tcp_rotation_rad).map(decimal::<4>);
-    let [x, y, z] = flange_from_tcp_mm.map(decimal::<3>);
-    let [cx, cy, cz] = payload_centre_mm.map(decimal::<3>);
+    let [cx, cy, cz] = tool.payload_centre_mm.map(decimal::<3>);
     format!(
-        "$TOOL={{X {x},Y {y},Z {z},A {a},B {b},C {c}}}\n\
-         $LOAD={{M {payload_kg},CM {{X {cx},Y {cy},Z {cz},A 0,B 0,C 0}},J {{X 0,Y 0,Z 0}}}}\n"
+        "$TOOL={}\n\
+         $LOAD={{M {},CM {{X {cx},Y {cy},Z {cz},A 0,B 0,C 0}},J {{X 0,Y 0,Z 0}}}}\n",
+        frame_of(&tool.flange_from_tcp()),
+        tool.payload_kg
     )
 }
 

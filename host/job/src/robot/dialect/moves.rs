@@ -5,7 +5,7 @@
 
 use std::ops::Range;
 
-use nalgebra::{Point3, Quaternion, UnitQuaternion, Vector3};
+use nalgebra::{Point3, Quaternion, UnitQuaternion};
 
 use weldpath_method::weld::program::Waypoint;
 
@@ -150,11 +150,6 @@ pub(crate) fn euler_zyx_deg(q: &UnitQuaternion<f64>) -> [f64; 3] {
     [about_z, about_y, about_x].map(f64::to_degrees)
 }
 
-/// The same for a rotation vector, rad.
-pub(crate) fn rotation_vector_to_euler_zyx_deg(vector_rad: [f64; 3]) -> [f64; 3] {
-    euler_zyx_deg(&UnitQuaternion::from_scaled_axis(Vector3::from(vector_rad)))
-}
-
 /// A number with so many decimals, and no minus before zero.
 pub(crate) fn decimal<const PLACES: usize>(value: f64) -> String {
     let per_unit = 10_f64.powi(PLACES as i32);
@@ -164,6 +159,7 @@ pub(crate) fn decimal<const PLACES: usize>(value: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nalgebra::Vector3;
     use std::f64::consts::FRAC_PI_2;
     use weldpath_method::weld::program::Kind;
 

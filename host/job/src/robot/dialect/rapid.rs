@@ -8,7 +8,7 @@
 use std::fmt::Write;
 use std::ops::Range;
 
-use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, UnitQuaternion};
 
 use super::moves::{Move, Switch, TooLong, decimal, parts};
 use super::{Dialect, Joints, NO_SAFETY_FUNCTION, ProgramSetup, UNCHECKED_MOVE, WelddataUnit, part_name};
@@ -125,7 +125,7 @@ fn tool(setup: &ProgramSetup) -> String {
         }
         return format!("  ! Tool: {TOOL} of the controller; the job file has no [tool].\n");
     };
-    let rotation = UnitQuaternion::from_scaled_axis(Vector3::from(tool.flange_from_tcp_rotation_rad));
+    let [at, turned] = pose(&tool.flange_from_tcp());
     // A load of no mass, or whose centre is the flange's own, is refused.
     let mass_kg = tool.payload_kg.max(0.001);
     let mut centre_mm = tool.payload_centre_mm;
@@ -133,10 +133,8 @@ fn tool(setup: &ProgramSetup) -> String {
         centre_mm = [0.0, 0.0, 0.001];
     }
     format!(
-        "  PERS tooldata {}_tool:=[TRUE,[{},{}],[{mass_kg},{},[1,0,0,0],0,0,0]];\n",
+        "  PERS tooldata {}_tool:=[TRUE,[{at},{turned}],[{mass_kg},{},[1,0,0,0],0,0,0]];\n",
         setup.name,
-        vector(tool.flange_from_tcp_mm),
-        quaternion(&rotation),
         vector(centre_mm)
     )
 }

@@ -25,20 +25,22 @@ const REMARK: usize = 100;
 /// None: a list of poses may be of any length.
 pub fn write(waypoints: &[Waypoint], setup: &ProgramSetup) -> Result<Vec<File>, TooLong> {
     // Without a name of its own the frame is that of the robot's base.
-    let frame = match setup.frame.name() {
-        Some(_) => setup.frame.clone(),
-        None => setup.frame.robot_base(),
+    let base = setup.frame.robot_base();
+    let (frame, id, remark) = match setup.frame.name() {
+        Some(name) => (&setup.frame, name, None),
+        None => (&base, FRAME, base.remark("")),
     };
-    let id = frame.name().unwrap_or(FRAME);
+    let remarks: Vec<String> = remark.into_iter().collect();
     let moves = moves(&frame.of(waypoints));
-    Ok(vec![File::new("poses.yaml", yaml(&moves, id, setup)), File::new("poses.json", json(&moves, id))])
+    Ok(vec![
+        File::new("poses.yaml", yaml(&moves, id, &setup.head(&remarks, REMARK))),
+        File::new("poses.json", json(&moves, id)),
+    ])
 }
 
-fn yaml(moves: &[Move], frame: &str, setup: &ProgramSetup) -> String {
+fn yaml(moves: &[Move], frame: &str, head: &[String]) -> String {
     let mut text = "# weldpath: geometry_msgs/PoseArray; metres, tool z into the work\n".to_owned();
-    let remarks: Vec<String> =
-        setup.frame.robot_base().remark("").into_iter().filter(|_| frame == FRAME).collect();
-    for remark in setup.head(&remarks, REMARK) {
+    for remark in head {
         let _ = writeln!(text, "# {remark}");
     }
     text.push_str(&format!("header:\n  frame_id: {frame}\n"));

@@ -167,9 +167,8 @@ impl Script {
         self.line("weldpath_watcher = run weldpath_watch()");
         match setup.written_tool() {
             Some(tool) => {
-                let [x, y, z] = tool.flange_from_tcp_mm.map(metres);
-                let [rx, ry, rz] = tool.flange_from_tcp_rotation_rad.map(decimal);
-                self.line(format_args!("set_tcp(p[{x}, {y}, {z}, {rx}, {ry}, {rz}])"));
+                let tcp = written(tool.flange_from_tcp_mm, tool.flange_from_tcp_rotation_rad);
+                self.line(format_args!("set_tcp({tcp})"));
                 let [x, y, z] = tool.payload_centre_mm.map(metres);
                 self.line(format_args!("set_payload({}, [{x}, {y}, {z}])", tool.payload_kg));
             }
@@ -309,9 +308,7 @@ impl Script {
     fn pose(&mut self, one: &Move) -> String {
         let rotation_rad = rotation_vector(&one.base_from_tool, self.previous_rad);
         self.previous_rad = Some(rotation_rad);
-        let [x, y, z] = <[f64; 3]>::from(one.position_mm.coords).map(metres);
-        let [rx, ry, rz] = <[f64; 3]>::from(rotation_rad).map(decimal);
-        let pose = format!("p[{x}, {y}, {z}, {rx}, {ry}, {rz}]");
+        let pose = written(one.position_mm.coords.into(), rotation_rad.into());
         match &self.frame {
             Some(frame) => format!("pose_trans({frame}, {pose})"),
             None => pose,
@@ -319,10 +316,14 @@ impl Script {
     }
 }
 
-/// A transform as the language writes it.
+/// The pose of a transform.
 fn pose(transform: &Isometry3<f64>) -> String {
-    let [x, y, z] = <[f64; 3]>::from(transform.translation.vector).map(metres);
-    let [rx, ry, rz] = <[f64; 3]>::from(transform.rotation.scaled_axis()).map(decimal);
+    written(transform.translation.vector.into(), transform.rotation.scaled_axis().into())
+}
+
+/// A place and a rotation vector as the language writes a pose.
+fn written(position_mm: [f64; 3], rotation_rad: [f64; 3]) -> String {
+    let ([x, y, z], [rx, ry, rz]) = (position_mm.map(metres), rotation_rad.map(decimal));
     format!("p[{x}, {y}, {z}, {rx}, {ry}, {rz}]")
 }
 

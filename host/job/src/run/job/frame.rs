@@ -102,18 +102,12 @@ impl FrameSetting {
             let both = number.is_some() && name.is_some();
             both.then(|| "a frame has a number or a name, whichever the controller knows".to_owned())
         });
-        let unfit = |dialect: &Dialect| match dialect {
-            Dialect::Ur | Dialect::Abb if number.is_some() => Some("has frames by name, not by number"),
-            Dialect::Kuka | Dialect::Fanuc if name.is_some() => Some("has frames by number, not by name"),
-            Dialect::Fanuc if number.is_none() => Some(
-                "takes a frame by value only with the number of a user frame and of a spare position register",
-            ),
-            _ => None,
-        };
         let unfit = || {
-            dialects
-                .iter()
-                .find_map(|dialect| Some(format!("{} {}", dialect.maker()?.name(), unfit(dialect)?)))
+            unknown_to(dialects, "frames", number, name, |dialect| {
+                (dialect == Dialect::Fanuc && number.is_none()).then_some(
+                    "takes a frame by value only with the number of a user frame and of a spare position register",
+                )
+            })
         };
         wrong.or_else(unfit).map(|why| ("frame", why))
     }
@@ -148,21 +142,36 @@ impl ToolSetting {
             Self::Name(name) => (None, Some(name.as_str()), None),
             Self::Register(tool) => (Some(tool.number), None, Some(tool.register)),
         };
-        let unfit = |dialect: &Dialect| match dialect {
-            Dialect::Ur | Dialect::Abb if number.is_some() => Some("has tools by name, not by number"),
-            Dialect::Kuka | Dialect::Fanuc if name.is_some() => Some("has tools by number, not by name"),
-            Dialect::Kuka if register.is_some() => Some("has no position registers: leave the register out"),
-            _ => None,
-        };
         let unfit = || {
-            dialects
-                .iter()
-                .find_map(|dialect| Some(format!("{} {}", dialect.maker()?.name(), unfit(dialect)?)))
+            unknown_to(dialects, "tools", number, name, |dialect| {
+                (dialect == Dialect::Kuka && register.is_some())
+                    .then_some("has no position registers: leave the register out")
+            })
         };
         let empty = (register.is_some() && !is_given)
             .then(|| "a program sets a tool only where the job has a [tool]".to_owned());
         of_numbers(number, register, name).or_else(unfit).or(empty).map(|why| ("tool", why))
     }
+}
+
+/// The first of `dialects` whose controller knows no such thing, and why: by the wrong kind of name, or by `more`.
+fn unknown_to(
+    dialects: &[Dialect],
+    things: &str,
+    number: Option<u32>,
+    name: Option<&str>,
+    more: impl Fn(Dialect) -> Option<&'static str>,
+) -> Option<String> {
+    dialects.iter().find_map(|&dialect| {
+        let why = match dialect {
+            Dialect::Ur | Dialect::Abb if number.is_some() => format!("has {things} by name, not by number"),
+            Dialect::Kuka | Dialect::Fanuc if name.is_some() => {
+                format!("has {things} by number, not by name")
+            }
+            _ => more(dialect)?.to_owned(),
+        };
+        Some(format!("{} {why}", dialect.maker()?.name()))
+    })
 }
 
 fn of_numbers(number: Option<u32>, register: Option<u32>, name: Option<&str>) -> Option<String> {

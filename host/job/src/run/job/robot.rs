@@ -281,18 +281,26 @@ impl RobotSettings {
     /// # Errors
     /// What is wrong with the numbers.
     pub fn place(&mut self, text: &str) -> Result<(), String> {
-        let numbers: Result<Vec<f64>, _> = text.split(',').map(|word| word.trim().parse::<f64>()).collect();
-        let numbers = numbers.map_err(|_| format!("{text:?} is not six numbers"))?;
-        let [x, y, z, rx, ry, rz] = numbers[..] else {
-            return Err(format!(
-                "{} numbers; give six: x,y,z in mm and a rotation vector in rad",
-                numbers.len()
-            ));
-        };
-        self.base_mm = [x, y, z].try_into()?;
-        self.base_rotation_rad = [rx, ry, rz].try_into()?;
+        (self.base_mm, self.base_rotation_rad) = six_numbers(text)?;
         Ok(())
     }
+}
+
+/// A transform as the command line says it: x, y, z in mm and a rotation vector in rad.
+///
+/// # Errors
+/// What is wrong with the numbers.
+pub fn transform(text: &str) -> Result<Isometry3<f64>, String> {
+    six_numbers(text).map(|(at_mm, rotation_rad)| pose(at_mm, rotation_rad))
+}
+
+fn six_numbers(text: &str) -> Result<(Place, RotationVector), String> {
+    let numbers: Result<Vec<f64>, _> = text.split(',').map(|word| word.trim().parse::<f64>()).collect();
+    let numbers = numbers.map_err(|_| format!("{text:?} is not six numbers"))?;
+    let [x, y, z, rx, ry, rz] = numbers[..] else {
+        return Err(format!("{} numbers; give six: x,y,z in mm and a rotation vector in rad", numbers.len()));
+    };
+    Ok(([x, y, z].try_into()?, [rx, ry, rz].try_into()?))
 }
 
 /// A transform from a place and a rotation vector.
