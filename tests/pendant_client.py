@@ -14,7 +14,7 @@ import sys
 import time
 import zlib
 
-VERSION = 3
+VERSION = 4
 STATES = "Disabled Idle Loading Ready Running Holding Held Fault".split()
 ENABLE, ENABLED, POSE_KNOWN = 1 << 1, 1 << 2, 1 << 8
 

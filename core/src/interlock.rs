@@ -146,7 +146,7 @@ pub enum Event {
     NewSession,
     /// A host that was lost is back and goes on with its path.
     Attach,
-    /// The robot does not follow.
+    /// The robot does not follow, on a path or under hands.
     Robot(Cause),
     /// A path is to be opened.
     Begin,
@@ -272,7 +272,7 @@ impl Interlock {
         self.state
     }
 
-    /// Why it holds: only in Holding and Held.
+    /// Why it holds, in Holding and Held; in Disabled, why the robot was taken out of the hands that guided it.
     pub fn cause(&self) -> Option<Cause> {
         self.cause
     }
@@ -385,6 +385,7 @@ impl Interlock {
     fn enable_edge(&mut self) {
         if self.state == State::Disabled {
             self.state = State::Idle;
+            self.cause = None;
         }
     }
 
@@ -397,7 +398,7 @@ impl Interlock {
             Event::Stop => self.hold_if_running(Cause::Stop),
             Event::NewSession => self.new_session(inputs),
             Event::Attach => return self.attach(),
-            Event::Robot(cause) => self.hold_if_running(cause),
+            Event::Robot(cause) => self.robot(cause),
             Event::BadWaypoint => self.bad_path(Fault::Waypoint),
             Event::BadDigest => self.bad_path(Fault::Digest),
             Event::Begin => return self.begin(),
@@ -464,6 +465,15 @@ impl Interlock {
     fn hold_if_running(&mut self, cause: Cause) {
         if self.state == State::Running {
             self.hold(cause);
+        }
+    }
+
+    /// Only the hands that guide the robot move it in Idle: they have to grip anew.
+    fn robot(&mut self, cause: Cause) {
+        self.hold_if_running(cause);
+        if self.state == State::Idle {
+            self.regrip();
+            self.cause = Some(cause);
         }
     }
 

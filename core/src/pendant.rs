@@ -19,9 +19,9 @@ use crate::interlock::{
 };
 use crate::wire::frame::{Damage, Received};
 use crate::wire::{
-    self, Answer, Attach, AttachRefusal, Chunk, ChunkRefusal, ChunkRefused, Counters, FromHost, FromPendant,
-    Hello, HelloAck, HelloRefusal, HelloRefused, HostMessage, JogLimits, Limits, PendantMessage, Ping,
-    Sample, Telemetry, Unreadable, WireHandFrame, WireJog, WirePatch, WirePose, port,
+    self, Answer, Attach, AttachRefusal, Chunk, ChunkRefusal, ChunkRefused, Counters, Firmware, FromHost,
+    FromPendant, Hello, HelloAck, HelloRefusal, HelloRefused, HostMessage, JogLimits, Limits, PendantMessage,
+    Ping, Sample, Telemetry, Unreadable, WireHandFrame, WireJog, WirePatch, WirePose, port,
 };
 pub use drive::{ALPHA_ONE, set_point};
 use drive::{Drive, Machine};
@@ -81,6 +81,8 @@ pub struct Config {
     pub port: Option<PortConfig>,
     /// Whether the arc may be armed at all: a board that came up by its fall-back clock may not.
     pub can_weld: bool,
+    /// What HelloAck says of the firmware.
+    pub firmware: Firmware,
 }
 
 /// Fastest feed in manual mode unless the board says otherwise, µm/s.
@@ -110,6 +112,7 @@ impl Default for Config {
             jog: JOG_LIMITS,
             port: None,
             can_weld: true,
+            firmware: Firmware::default(),
         }
     }
 }
@@ -251,6 +254,8 @@ pub enum Task {
         time_ms: u32,
         /// Whether it is the first since hands may move the camera: it only says where the hand is.
         anew: bool,
+        /// Where the camera of a robot at the port is to go on from; without one it goes on from the last answer.
+        from: Option<WirePose>,
     },
     /// Score the patch's first point: [`Answer::EdgeScore`].
     Score(WirePatch),
@@ -376,7 +381,7 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
             confirm_pressed: true,
             rewelds: false,
             jogging: Jogging::default(),
-            robot: config.port.map(Monitor::new),
+            robot: config.port.map(|port| Monitor::new(port, boot)),
             report: Report::new(periods),
             counters: Counters::default(),
             ticks: 0,
@@ -541,7 +546,11 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
     }
 
     fn open_session(&mut self, nonce: u32) {
-        self.session = Some(Session { id: wire::session_id(self.boot, nonce), nonce });
+        let id = wire::session_id(self.boot, nonce);
+        self.session = Some(Session { id, nonce });
+        if let Some(robot) = &mut self.robot {
+            robot.open(id);
+        }
         self.life = Life { count: 0, echo: self.ticks };
     }
 
@@ -552,6 +561,7 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
             boot: self.boot,
             tick: self.ticks,
             request: self.requests.last,
+            firmware: self.config.firmware,
             limits: self.limits,
         }))
     }
@@ -772,12 +782,13 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
     }
 
     /// Gives the result of a [`Task`]; it is cached for repetitions of the request.
-    pub fn answer(&mut self, request: u16, answer: Answer) -> Action {
+    pub fn answer(&mut self, request: u16, mut answer: Answer) -> Action {
         if request != self.requests.last || self.requests.reply.is_some() {
             return Action::Idle;
         }
-        if let Answer::Pose(camera) = &answer {
+        if let Answer::Pose(camera) = &mut answer {
             self.jog_to(&camera.pose);
+            camera.actual = self.robot.as_ref().and_then(Monitor::torch);
         }
         self.reply(answer)
     }

@@ -314,6 +314,14 @@ impl Sender {
     }
 
     fn connected(&mut self, session: u32, ack: HelloAck, now_us: u64) -> Notice {
+        let own = (wire::VERSION, wire::session_id(ack.boot, self.nonce));
+        if ack.version != own.0 {
+            return self.refused(HelloRefusal::Version { host: own.0, pendant: ack.version }, 0, now_us);
+        }
+        if session != own.1 {
+            // Of no session that both nonces make: somebody else's frame, or a pendant that is none.
+            return Notice::Nothing;
+        }
         self.link = Link::Open { session, limits: ack.limits };
         self.ping_due_us = now_us;
         self.pendant_tick = ack.tick;

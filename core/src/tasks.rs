@@ -76,7 +76,10 @@ impl Tasks {
     pub fn perform(&mut self, task: &Task, workspace: &mut Workspace) -> Answer {
         let answer = match task {
             Task::Jog(jog, limits) => self.start(jog, limits).map(|()| Answer::Done),
-            Task::HandFrame { hands, time_ms, anew } => {
+            Task::HandFrame { hands, time_ms, anew, from } => {
+                if let Some(TorchPose { position_mm, orientation }) = from.and_then(|from| from.to_pose()) {
+                    self.camera = CameraPose { position_mm, orientation };
+                }
                 if *anew {
                     self.steering.forget();
                     self.capture = CaptureGesture::default();
@@ -130,7 +133,8 @@ impl Tasks {
         // Beyond the wire's 2 km; the camera's real limits are the robot's.
         let pose = WirePose::from_pose(&TorchPose { position_mm, orientation })
             .ok_or(Refusal::Value(Field::Reach))?;
-        Ok(wire::WireCameraPose { pose, region: number(jog.region), capture, clutch: jog.clutched, time_ms })
+        let region = number(jog.region);
+        Ok(wire::WireCameraPose { pose, actual: None, region, capture, clutch: jog.clutched, time_ms })
     }
 
     /// The nearest point of the workspace.
@@ -223,7 +227,7 @@ mod tests {
         assert_eq!(tasks.perform(&jog(steer_right), &mut workspace), Answer::Done);
         let frame = |i| {
             let hands = hands(i);
-            let task = Task::HandFrame { hands, time_ms: hands.time_ms, anew: i == 0 };
+            let task = Task::HandFrame { hands, time_ms: hands.time_ms, anew: i == 0, from: None };
             (task, i)
         };
         let mut frame = |i| match tasks.perform(&frame(i).0, &mut workspace) {

@@ -16,16 +16,16 @@ pub use host::{
     WireHandFrame, WireJog, WirePatch,
 };
 pub use pendant::{
-    Ack, Answer, AttachRefusal, ChunkRefusal, ChunkRefused, Counters, Field, FromPendant, HelloAck,
+    Ack, Answer, AttachRefusal, ChunkRefusal, ChunkRefused, Counters, Field, Firmware, FromPendant, HelloAck,
     HelloRefusal, HelloRefused, JogLimits, Limits, PendantMessage, Refusal, Robot, Sample, Telemetry,
     WireCameraPose, WireEdgeScore,
 };
 pub use pose::{Q15_ONE, WirePose, WireWaypoint};
 
 /// Protocol version; `Hello` carries it and a mismatch is refused with both numbers.
-pub const VERSION: u16 = 3;
+pub const VERSION: u16 = 4;
 /// CRC-32 of the golden messages of [`VERSION`] in their order: it differs if two builds lay out a message differently.
-pub const SCHEMA: u32 = 0x3A24_751D;
+pub const SCHEMA: u32 = 0x6336_22ED;
 
 /// Waypoints in a chunk at most.
 pub const MAX_CHUNK: usize = 8;
@@ -81,14 +81,19 @@ pub type PendantDeframer = frame::Deframer<{ frame::stuffed_bytes(MAX_FROM_PENDA
 const _: () = assert!(MAX_HOST_FRAME <= 512, "a frame of the host fits the receive buffer");
 const _: () = assert!(MAX_PENDANT_FRAME <= 512, "a frame of the pendant fits the transmit buffer");
 
-/// Short integers as two little-endian bytes each: a varint of a Q15 number would mostly be three.
+/// Short integers as two little-endian bytes each: a varint of a Q15 number would mostly be three. Where people read it,
+/// they are numbers.
 pub(crate) mod fixed {
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
     pub(crate) fn serialize<S: Serializer, const N: usize>(words: &[i16; N], to: S) -> Result<S::Ok, S::Error>
     where
         [[u8; 2]; N]: Serialize,
+        [i16; N]: Serialize,
     {
+        if to.is_human_readable() {
+            return words.serialize(to);
+        }
         words.map(i16::to_le_bytes).serialize(to)
     }
 
@@ -97,7 +102,11 @@ pub(crate) mod fixed {
     ) -> Result<[i16; N], D::Error>
     where
         [[u8; 2]; N]: Deserialize<'de>,
+        [i16; N]: Deserialize<'de>,
     {
+        if from.is_human_readable() {
+            return <[i16; N]>::deserialize(from);
+        }
         <[[u8; 2]; N]>::deserialize(from).map(|words| words.map(i16::from_le_bytes))
     }
 }

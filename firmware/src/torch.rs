@@ -6,6 +6,7 @@ use static_cell::ConstStaticCell;
 use weldpath_core::interlock::Fault;
 use weldpath_core::interlock::channels::{Pump, TwoChannel};
 use weldpath_core::pendant::{Config, Panel, Pendant, PortConfig, Slot, Tick};
+use weldpath_core::wire::Firmware;
 use weldpath_core::wire::port::{self, ActualDeframer};
 
 use crate::board::{self, Inputs, Outputs, Shared, Straps};
@@ -13,6 +14,24 @@ use crate::serial;
 
 /// Ticks a second: the set-point rate.
 pub const TICK_HZ: u32 = 500;
+
+/// Release and commit, as `build.rs` found them.
+const FIRMWARE: Firmware = Firmware {
+    version: [
+        decimal(env!("CARGO_PKG_VERSION_MAJOR")) as u8,
+        decimal(env!("CARGO_PKG_VERSION_MINOR")) as u8,
+        decimal(env!("CARGO_PKG_VERSION_PATCH")) as u8,
+    ],
+    build: decimal(env!("WELDPATH_BUILD")),
+};
+
+/// A number that was checked when it was written.
+const fn decimal(text: &str) -> u32 {
+    match u32::from_str_radix(text, 10) {
+        Ok(number) => number,
+        Err(_) => panic!("no number"),
+    }
+}
 
 /// Waypoints that the pendant holds.
 pub const RING: usize = 512;
@@ -41,7 +60,7 @@ static CONTACTS: Shared<Contacts> = Shared::new(Contacts {
     motion: Pump::new(),
     meant: [false; 2],
 });
-static ROBOT_FRAME: Shared<[u8; port::MAX_SET_POINT_FRAME]> = Shared::new([0; port::MAX_SET_POINT_FRAME]);
+static ROBOT_FRAME: Shared<[u8; port::SET_POINT_FRAME]> = Shared::new([0; port::SET_POINT_FRAME]);
 static ROBOT_BYTES: Shared<ActualDeframer> = Shared::new(ActualDeframer::new());
 
 /// Starts the pendant; `nonce` has to differ from start to start. Once.
@@ -54,6 +73,7 @@ pub fn install(nonce: u32, straps: Straps) {
         tick_us: 1_000_000 / TICK_HZ,
         port: straps.port.then_some(port),
         can_weld: straps.clock,
+        firmware: FIRMWARE,
         ..Config::default()
     };
     let pendant = Pendant::with_slots(&config, nonce, SLOTS.take().as_mut_slice());
@@ -141,8 +161,7 @@ fn hear_robot() {
 fn tell_robot(frame: Option<&port::WireSetPoint>) {
     let Some(frame) = frame else { return };
     ROBOT_FRAME.with(|out| {
-        if let Ok(length) = frame.encode(out) {
-            serial::ROBOT.send(out.get(..length).unwrap_or_default());
-        }
+        frame.write(out);
+        serial::ROBOT.send(out);
     });
 }

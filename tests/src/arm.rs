@@ -3,8 +3,10 @@
 //! The binary `arm` runs it in a process of its own behind a socket; a bridge to a robot takes its place.
 
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
-use weldpath_core::wire::frame::{Received, decode, encode};
-use weldpath_core::wire::port::{Actual, Drives, MAX_ACTUAL_FRAME, SetPointDeframer, VERSION, WireSetPoint};
+use weldpath_core::wire::frame::Received;
+use weldpath_core::wire::port::{
+    ACTUAL_FRAME, Actual, Drives, SET_POINT_FRAME, SetPointDeframer, WireSetPoint,
+};
 use weldpath_core::wire::{Q15_ONE, WirePose};
 
 use crate::adversary::Random;
@@ -28,18 +30,25 @@ impl Default for Limits {
     }
 }
 
+/// Answers for which a frame may have been on its way: in the emulator each stands for ten frames.
+const FRESH_ANSWERS: u32 = 50;
+
 /// The arm.
 pub struct Arm {
     limits: Limits,
     base_from_flange: Isometry3<f64>,
     target: Option<Isometry3<f64>>,
     bytes: SetPointDeframer,
-    heard: Option<(u16, u32)>,
-    sent: u16,
+    /// Session and tick of the newest frame.
+    heard: Option<(u32, u32)>,
+    nonce: u32,
+    sent: u32,
     lost: u16,
     random: Random,
     /// State that it reports.
     pub drives: Drives,
+    /// It does not move, and says that all is well.
+    pub jammed: bool,
     /// Farthest jump of a set-point from the one before it, or from where the arm stood, mm.
     pub farthest_jump_mm: f64,
     /// Set-point frames with the arc on.
@@ -57,14 +66,21 @@ impl Arm {
             target: None,
             bytes: SetPointDeframer::new(),
             heard: None,
+            nonce: seed as u32 | 1,
             sent: 0,
             lost: 0,
             random: Random::new(seed),
             drives: Drives::Following,
+            jammed: false,
             farthest_jump_mm: 0.0,
             arc_frames: 0,
             frames: 0,
         }
+    }
+
+    /// It goes no faster from now on, mm/s.
+    pub fn limit(&mut self, speed_mm_s: f64) {
+        self.limits.speed_mm_s = speed_mm_s;
     }
 
     /// Where it really is.
@@ -83,21 +99,24 @@ impl Arm {
         let mut newest = false;
         for &byte in bytes {
             let Some(Received::Payload(payload)) = self.bytes.push(byte) else { continue };
-            let Ok(frame) = decode::<WireSetPoint>(payload) else { continue };
+            let Some(frame) = WireSetPoint::from_bytes(payload) else { continue };
             newest |= self.follow(&frame);
         }
         newest.then(|| self.answer())
     }
 
-    /// One frame; false if it is none of this version or not newer than the last.
+    /// One frame; false if it is not newer than the last, or a recorded one would move the arm.
     pub fn follow(&mut self, frame: &WireSetPoint) -> bool {
-        let gap = self.heard.map_or(1, |(last, _)| frame.sequence.wrapping_sub(last));
-        if frame.version != VERSION || gap == 0 || gap > u16::MAX / 2 {
+        let last = self.heard.filter(|(session, _)| *session == frame.session);
+        let gap = last.map_or(1, |(_, tick)| frame.tick.wrapping_sub(tick));
+        let age = self.sent.wrapping_sub(frame.heard);
+        let fresh = frame.robot == self.nonce && age <= FRESH_ANSWERS;
+        if gap == 0 || gap > u32::MAX / 2 || frame.motion && !fresh {
             return false;
         }
-        let ticks = self.heard.map_or(1, |(_, tick)| frame.tick.wrapping_sub(tick)).min(500);
-        self.lost = self.lost.wrapping_add(gap - 1);
-        self.heard = Some((frame.sequence, frame.tick));
+        let ticks = gap.min(500);
+        self.lost = self.lost.wrapping_add((gap - 1) as u16);
+        self.heard = Some((frame.session, frame.tick));
         self.frames += 1;
         self.arc_frames += u64::from(frame.arc);
         let wanted = frame.pose.as_ref().map(isometry);
@@ -107,7 +126,7 @@ impl Arm {
             self.farthest_jump_mm = self.farthest_jump_mm.max(jump_mm);
         }
         self.target = wanted;
-        if frame.motion && self.drives == Drives::Following {
+        if frame.motion && self.drives == Drives::Following && !self.jammed {
             (0..ticks).for_each(|_| self.step());
         }
         true
@@ -132,10 +151,7 @@ impl Arm {
 
     /// What it says after the last frame.
     pub fn answer(&mut self) -> Vec<u8> {
-        let actual = self.actual();
-        let mut out = [0; MAX_ACTUAL_FRAME];
-        let length = encode(&actual, &mut out).expect("fits");
-        out[..length].to_vec()
+        frame_of(&self.actual()).to_vec()
     }
 
     /// The same before encoding.
@@ -149,15 +165,30 @@ impl Arm {
         );
         let error_mm = self.target.map_or(0.0, |at| (at.translation.vector - seen.translation.vector).norm());
         Actual {
-            version: VERSION,
+            robot: self.nonce,
             sequence: self.sent,
-            heard: self.heard.map_or(0, |(sequence, _)| sequence),
+            session: self.heard.map_or(0, |(session, _)| session),
+            heard: self.heard.map_or(0, |(_, tick)| tick),
             lost: self.lost,
             pose: wire(&seen),
             error_um: (error_mm * 1000.0) as u32,
             drives: self.drives,
         }
     }
+}
+
+/// A set-point as it travels.
+pub fn told(frame: &WireSetPoint) -> [u8; SET_POINT_FRAME] {
+    let mut out = [0; SET_POINT_FRAME];
+    frame.write(&mut out);
+    out
+}
+
+/// An answer as it travels.
+pub fn frame_of(actual: &Actual) -> [u8; ACTUAL_FRAME] {
+    let mut out = [0; ACTUAL_FRAME];
+    actual.write(&mut out);
+    out
 }
 
 /// In mm.

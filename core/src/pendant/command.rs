@@ -59,26 +59,22 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
     }
 
     fn set_jog(&mut self, jog: WireJog) -> Result<Executed, Refusal> {
-        self.check_tool()?;
         let jog = checked_jog(jog, &self.limits.jog)?;
-        if let Some(here) = self.robot.as_ref().map(|robot| robot.torch()) {
-            self.check_near(&here.ok_or(Refusal::Robot)?, &jog.start)?;
-        }
-        self.while_standing(Task::Jog(jog, self.limits.jog))
+        self.allows(&Moving::Camera(jog.start))?;
+        Ok(Executed::Later(Task::Jog(jog, self.limits.jog)))
     }
 
     fn hand_frame(&mut self, hands: WireHandFrame) -> Result<Executed, Refusal> {
-        self.check_tool()?;
-        self.may_jog()?;
+        self.allows(&Moving::Hands)?;
         let hands = checked_hands(hands)?;
         let time_ms = (u64::from(self.ticks) * u64::from(self.config.tick_us) / 1000) as u32;
-        let anew = self.begin_jogging();
-        Ok(Executed::Later(Task::HandFrame { hands, time_ms, anew }))
+        let (anew, from) = (self.begin_jogging(), self.jog_from());
+        Ok(Executed::Later(Task::HandFrame { hands, time_ms, anew, from }))
     }
 
     fn arm(&mut self, armed: bool) -> Result<(), Refusal> {
         if armed {
-            self.check_tool()?;
+            self.allows(&Moving::Arc)?;
         }
         if armed && (!self.config.can_weld || self.loaded && !self.ring.begin().arc) {
             return Err(Refusal::ArcBarred);
@@ -88,6 +84,44 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
 
     fn while_standing(&self, task: Task) -> Result<Executed, Refusal> {
         if self.stands() { Ok(Executed::Later(task)) } else { Err(Refusal::Moving) }
+    }
+
+    /// The rule for every message that can move a set-point, or have one followed; docs/protocol.md has it as a table.
+    ///
+    /// A robot at the port goes where its flange has to be: without a tool that would be where the torch has to be; and
+    /// one that is silent or does not follow goes nowhere.
+    fn allows(&self, what: &Moving) -> Result<(), Refusal> {
+        if self.robot.is_some() && !self.has_tool && *what != Moving::Tool {
+            return Err(Refusal::NoTool);
+        }
+        match what {
+            // It moves every set-point: only where none may be followed, nor a held path gone on with.
+            Moving::Tool if !self.stands() || self.jogs() => return Err(Refusal::Moving),
+            Moving::Tool if self.state() == State::Held => return Err(Refusal::State(State::Held)),
+            Moving::Tool | Moving::Arc => return Ok(()),
+            Moving::Camera(_) if !self.stands() => return Err(Refusal::Moving),
+            Moving::Camera(_) => {}
+            Moving::Hands => self.may_jog()?,
+            Moving::Path(event) => {
+                self.interlock.step(*event, &self.inputs()).2.map_err(|refused| self.refusal(refused))?;
+            }
+        }
+        if self.robot.as_ref().is_some_and(|robot| !robot.is_ready()) {
+            return Err(Refusal::Robot);
+        }
+        match what {
+            Moving::Camera(start) if self.robot.is_some() => self.check_near(start),
+            Moving::Path(_) => self.check_place().and_then(|()| self.check_speed()),
+            _ => Ok(()),
+        }
+    }
+
+    /// In manual with the arc armed everything to be welded has to be slow enough: it is refused, never welded slower.
+    fn check_speed(&self) -> Result<(), Refusal> {
+        let feed_um_s = self.limits.manual_feed_um_s;
+        let bound = self.panel.manual && self.interlock.is_armed();
+        let faster = bound.then(|| self.ring.faster_weld(self.drive.segment(), feed_um_s)).flatten();
+        faster.map_or(Ok(()), |at| Err(Refusal::TooFast { at }))
     }
 
     fn ask(&mut self, event: Event) -> Result<(), Refusal> {
@@ -104,35 +138,12 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
         }
     }
 
-    /// Whether the torch may be set in motion by this event: what the interlock says of it, where the torch is, and, in
-    /// manual with the arc armed, whether everything to be welded is slow enough: it is refused, never welded slower.
-    fn check_go(&self, event: Event) -> Result<(), Refusal> {
-        self.interlock.step(event, &self.inputs()).2.map_err(|refused| self.refusal(refused))?;
-        self.check_tool()?;
-        self.check_place()?;
-        let feed_um_s = self.limits.manual_feed_um_s;
-        let bound = self.panel.manual && self.interlock.is_armed();
-        let faster = bound.then(|| self.ring.faster_weld(self.drive.segment(), feed_um_s)).flatten();
-        faster.map_or(Ok(()), |at| Err(Refusal::TooFast { at }))
-    }
-
     fn named(&self, path: u16) -> Result<(), Refusal> {
         if self.loaded && self.ring.begin().path == path { Ok(()) } else { Err(Refusal::Path) }
     }
 
-    /// A robot at the port goes where its flange has to be: without a tool that would be where the torch has to be.
-    fn check_tool(&self) -> Result<(), Refusal> {
-        if self.robot.is_some() && !self.has_tool { Err(Refusal::NoTool) } else { Ok(()) }
-    }
-
-    /// The tool moves every set-point: it is taken only where none may be followed, nor a held path gone on with.
     fn set_tool(&mut self, tool: &WirePose) -> Result<(), Refusal> {
-        if !self.stands() || self.jogs() {
-            return Err(Refusal::Moving);
-        }
-        if self.state() == State::Held {
-            return Err(Refusal::State(State::Held));
-        }
+        self.allows(&Moving::Tool)?;
         checked_pose(*tool)?;
         if tool.distance_um(&WirePose::IDENTITY) > LONGEST_TOOL_UM {
             return Err(Refusal::Value(Field::Tool));
@@ -217,7 +228,7 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
 
     fn start(&mut self, path: u16) -> Result<(), Refusal> {
         self.named(path)?;
-        self.check_go(Event::Start)?;
+        self.allows(&Moving::Path(Event::Start))?;
         self.ask(Event::Start)?;
         // Where the robot has to be until the first set-point says more: before, this was the end of another path.
         if let Some(first) = self.ring.get(0) {
@@ -236,13 +247,28 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
         if back_um as f32 > self.drive.kept_um(&self.ring) {
             return Err(Refusal::Value(Field::Back));
         }
-        self.check_go(Event::Resume)?;
+        self.allows(&Moving::Path(Event::Resume))?;
         // A crater that was cut short is welded over from before it, or stays short.
         self.rewelds = back_um > 0;
         self.ask(Event::Resume)?;
         self.drive.retrace(back_um as f32);
         Ok(())
     }
+}
+
+/// What a message would move, or have followed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Moving {
+    /// The torch on the flange.
+    Tool,
+    /// The place that hands start from.
+    Camera(WirePose),
+    /// The camera, by hands.
+    Hands,
+    /// The torch along the path, by Start or Resume.
+    Path(Event),
+    /// Nothing yet: the arc for the next of those.
+    Arc,
 }
 
 #[allow(clippy::large_enum_variant, reason = "no allocator to box with; it lives for one call")]

@@ -54,6 +54,11 @@ impl Drive {
         self.speed_um_s > 0.0
     }
 
+    /// Stands at once, without a way to stop in.
+    pub(super) fn stand(&mut self) {
+        self.speed_um_s = 0.0;
+    }
+
     /// How far one could go back.
     pub(super) fn kept_um<const N: usize, S: Slots>(&self, ring: &Ring<N, S>) -> f32 {
         ring.kept_um(self.segment) + self.along_um

@@ -1,11 +1,13 @@
 //! Hands move the camera: only in Idle, enabled, with the key in manual, and by the pendant's own clock.
 
+use super::ring::turn_mrad;
+use super::robot::{Monitor, compose};
 use super::{Pendant, Slots};
 use crate::interlock::State;
 use crate::math;
 use crate::path::TorchPose;
 use crate::rotation::Arc;
-use crate::wire::{Refusal, WirePose};
+use crate::wire::{JogLimits, Refusal, WirePose};
 
 /// What hand-guided motion knows from tick to tick.
 #[derive(Debug, Clone, Copy, Default)]
@@ -36,25 +38,52 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
         !core::mem::replace(&mut self.jogging.begun, true)
     }
 
-    /// The camera pose that a hand frame made. Without a robot the camera is where it is told to be.
-    pub(super) fn jog_to(&mut self, target: &WirePose) {
-        if self.robot.is_some() && self.may_jog().is_ok() {
-            self.jogging.target = Some(*target);
-        }
+    /// Where hands move the camera from: where it is commanded to be, and at first where the robot is. Without a robot
+    /// the camera is where it is told to be, and whoever reads the gestures knows it.
+    pub(super) fn jog_from(&self) -> Option<WirePose> {
+        let torch = self.robot.as_ref().and_then(Monitor::torch);
+        self.jogging.commanded.filter(|_| self.robot.is_some()).or(torch)
     }
 
-    /// One tick: the commanded pose follows its target within the limits; all of it is dropped at disable.
+    /// The camera pose that a hand frame made. The camera may not leave the workspace, nor may the flange that bears it.
+    pub(super) fn jog_to(&mut self, target: &WirePose) {
+        let Some(from) = self.jog_from().filter(|_| self.may_jog().is_ok()) else { return };
+        let out_um = |camera: &WirePose| {
+            let flange = compose(camera, &self.torch_from_flange);
+            flange.map_or(f32::INFINITY, |flange| outside_um(&flange, &self.limits.jog))
+        };
+        let farther_out = out_um(target) > out_um(&from);
+        self.jogging.target = Some(if farther_out { from } else { *target });
+    }
+
+    /// One tick: the commanded pose follows its target within the limits, no farther ahead of the robot than it needs to
+    /// stop; all of it is dropped at disable.
     pub(super) fn advance_jog(&mut self) {
         if self.may_jog().is_err() || !self.is_heard() {
             self.jogging = Jogging::default();
             return;
         }
-        let (Some(target), Some(robot)) = (self.jogging.target, &self.robot) else { return };
-        let from = self.jogging.commanded.or_else(|| robot.torch());
+        let torch = self.robot.as_ref().and_then(Monitor::torch);
+        let (Some(target), Some(torch)) = (self.jogging.target, torch) else { return };
+        let from = self.jogging.commanded.unwrap_or(torch);
         let limits = &self.limits.jog;
         let step_mm = limits.speed_um_s as f32 * 1e-3 * self.machine.tick_s;
         let turn_rad = limits.turn_mrad_s as f32 * 1e-3 * self.machine.tick_s;
-        self.jogging.commanded = from.and_then(|from| toward(&from, &target, step_mm, turn_rad));
+        let next = toward(&from, &target, step_mm, turn_rad);
+        self.jogging.commanded = next.filter(|next| !self.runs_ahead(&torch, &from, next)).or(Some(from));
+    }
+
+    /// Whether a step takes the camera farther ahead of the robot than it goes while it stops from the fastest motion
+    /// that hands can make.
+    fn runs_ahead(&self, torch: &WirePose, from: &WirePose, next: &WirePose) -> bool {
+        let (limits, machine) = (&self.limits.jog, &self.machine);
+        let stop_s = limits.speed_um_s as f32 / machine.accel_um_s2;
+        let ahead_um = torch.distance_um(next);
+        let ahead_mrad = turn_mrad(torch, next);
+        let leads =
+            |ahead: f32, before: f32, speed: u32| ahead > 0.5 * stop_s * speed as f32 && ahead > before;
+        leads(ahead_um, torch.distance_um(from), limits.speed_um_s)
+            || leads(ahead_mrad, turn_mrad(torch, from), limits.turn_mrad_s)
     }
 
     /// Whether hands have moved the camera since the switch was gripped: only they give it a target.
@@ -66,6 +95,13 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
     pub(super) fn jogged(&self) -> Option<WirePose> {
         self.jogging.commanded
     }
+}
+
+/// How far a position is outside the workspace, summed over the axes, µm.
+fn outside_um(pose: &WirePose, limits: &JogLimits) -> f32 {
+    let bounds = limits.least_um.into_iter().zip(limits.most_um);
+    let beyond = |(um, (least, most)): (i32, (i32, i32))| um.abs_diff(um.clamp(least, most.max(least)));
+    pose.position_um.into_iter().zip(bounds).map(beyond).map(|um| um as f32).sum()
 }
 
 /// A step from a pose toward another.

@@ -5,6 +5,7 @@
 //! is where it was commanded to be.
 
 use super::ring::turn_mrad;
+use super::robot::Monitor;
 use super::{Pendant, Slots};
 use crate::interlock::State;
 use crate::wire::{Refusal, WirePose};
@@ -29,17 +30,17 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
 
     /// Refuses unless the torch is within the limits of where it has to be.
     pub(super) fn check_place(&self) -> Result<(), Refusal> {
-        if self.robot.as_ref().is_some_and(|robot| !robot.is_ready()) {
-            return Err(Refusal::Robot);
-        }
-        let (Some(here), Some(entry)) = (self.torch(), self.entry()) else {
-            return Err(Refusal::PoseUnknown);
-        };
-        self.check_near(&here, &entry)
+        let entry = self.entry().ok_or(Refusal::PoseUnknown)?;
+        self.check_near(&entry)
     }
 
-    pub(super) fn check_near(&self, here: &WirePose, wanted: &WirePose) -> Result<(), Refusal> {
-        let (distance_um, turn_mrad) = (here.distance_um(wanted) as u32, turn_mrad(here, wanted) as u32);
+    /// Refuses unless the torch, or the camera in its place, is within the limits of `wanted`; a robot's own word of how
+    /// far it is from where it was to be counts, too.
+    pub(super) fn check_near(&self, wanted: &WirePose) -> Result<(), Refusal> {
+        let here = self.torch().ok_or(Refusal::PoseUnknown)?;
+        let error_um = self.robot.as_ref().map_or(0, Monitor::error_um);
+        let distance_um = (here.distance_um(wanted) as u32).max(error_um);
+        let turn_mrad = turn_mrad(&here, wanted) as u32;
         if distance_um <= self.limits.near_um && turn_mrad <= self.limits.near_mrad {
             Ok(())
         } else {

@@ -67,6 +67,18 @@ pub fn encode<M: Serialize>(message: &M, out: &mut [u8]) -> Result<usize, Full> 
     close(out, length).ok_or(Full)
 }
 
+/// Writes the frame of a payload of whole words that is too short for a full run, so that each such frame has the same
+/// length: `FRAME` is [`encoded_bytes`] of `4 * WORDS`.
+#[inline]
+pub(super) fn enclose<const WORDS: usize, const FRAME: usize>(words: [u32; WORDS], out: &mut [u8; FRAME]) {
+    const { assert!(FRAME == encoded_bytes(4 * WORDS) && FRAME < FULL_RUN as usize) };
+    for (to, word) in out[MESSAGE..].as_chunks_mut::<4>().0.iter_mut().zip(words) {
+        *to = word.to_le_bytes();
+    }
+    // It fits.
+    let _ = close(out, 4 * WORDS);
+}
+
 /// A postcard flavour: bytes one behind the other. Its output is how many more would fit.
 struct Message<'a> {
     rest: core::slice::IterMut<'a, u8>,
@@ -105,14 +117,23 @@ fn stuff(out: &mut [u8], end: usize) -> Option<usize> {
         let run = if *byte == 0 { core::mem::replace(byte, code) } else { code };
         run.wrapping_add(1)
     };
-    // By words, so that the loop is unrolled.
+    // By words: most have no zero.
     let (rest, words) = block.as_rchunks_mut::<4>();
-    let code = words.iter_mut().rev().fold(1, |code, word| word.iter_mut().rev().fold(code, count));
+    let code = words.iter_mut().rev().fold(1_u8, |code, word| match has_zero(*word) {
+        true => word.iter_mut().rev().fold(code, count),
+        false => code.wrapping_add(4),
+    });
     let code = rest.iter_mut().rev().fold(code, count);
     *out.first_mut()? = 0;
     *out.get_mut(FIRST_CODE)? = code;
     *out.get_mut(end)? = 0;
     end.checked_add(1)
+}
+
+/// Whether one of the bytes is zero: the lowest zero borrows from its top bit.
+fn has_zero(word: [u8; 4]) -> bool {
+    let word = u32::from_ne_bytes(word);
+    word.wrapping_sub(0x0101_0101) & !word & 0x8080_8080 != 0
 }
 
 /// The same for any length, forwards: a run of 254 bytes has a code byte put in behind it.
@@ -241,8 +262,13 @@ struct CopiedRun<'b> {
 /// Copies the bytes before the first zero, as many as fit.
 #[inline(never)]
 fn copy_run<'b>(stream: &'b [u8], to: &mut [u8]) -> CopiedRun<'b> {
-    let run = to.iter_mut().zip(stream).take_while(|(_, byte)| **byte != 0);
-    let taken = run.map(|(place, byte)| *place = *byte).count();
+    // By words, most of which have no zero.
+    let words = to.as_chunks_mut::<4>().0.iter_mut().zip(stream.as_chunks::<4>().0);
+    let whole = words.take_while(|(_, word)| !has_zero(**word)).map(|(place, word)| *place = *word).count();
+    let whole = whole.saturating_mul(4);
+    let (to, ahead) = (to.get_mut(whole..).unwrap_or_default(), stream.get(whole..).unwrap_or_default());
+    let run = to.iter_mut().zip(ahead).take_while(|(_, byte)| **byte != 0);
+    let taken = run.map(|(place, byte)| *place = *byte).count().saturating_add(whole);
     let behind = stream.get(taken..).unwrap_or_default();
     let overlong = behind.first().is_some_and(|&byte| byte != 0);
     let mut ahead = behind.iter();

@@ -98,8 +98,20 @@ pub struct HelloAck {
     pub tick: u32,
     /// Number of the last request of the session; the next one has the number after it.
     pub request: u16,
+    /// What the pendant runs.
+    pub firmware: Firmware,
     /// Capacities.
     pub limits: Limits,
+}
+
+/// What a pendant runs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Firmware {
+    /// Release: major, minor, patch.
+    pub version: [u8; 3],
+    /// First 32 bits of the commit that it was built from; 0 if nobody knows.
+    pub build: u32,
 }
 
 /// What the pendant can hold and do.
@@ -304,8 +316,10 @@ pub enum Field {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct WireCameraPose {
-    /// `base_from_camera`.
+    /// `base_from_camera`, where the hand wants it.
     pub pose: WirePose,
+    /// `base_from_camera` where the robot at the port really has it; none without a port.
+    pub actual: Option<WirePose>,
     /// Region of Alg. 1, 0 = centre.
     pub region: u8,
     /// Whether the gesture asks for a view.

@@ -115,7 +115,7 @@ fn link(watch: &Stopwatch, port: Option<PortConfig>) {
     static SLOTS: [ConstStaticCell<[Slot; RING]>; 2] =
         [const { ConstStaticCell::new([Slot::EMPTY; RING]) }; 2];
     let slots = SLOTS[usize::from(port.is_some())].take();
-    let (bytes, told) = (ActualDeframer::new(), [0; port::MAX_SET_POINT_FRAME]);
+    let (bytes, told) = (ActualDeframer::new(), [0; port::SET_POINT_FRAME]);
     let mut robot = RobotEnd { sequence: 0, heard: None, bytes, told };
     let config = pendant::Config { tick_us: 1_000_000 / TICK_HZ, port, ..pendant::Config::default() };
     let Some(mut pendant) = Pendant::<RING, _>::with_slots(&config, 1, slots.as_mut_slice()) else {
@@ -167,13 +167,13 @@ fn link(watch: &Stopwatch, port: Option<PortConfig>) {
 
 /// The robot's end of its line; nobody there without a port.
 struct RobotEnd {
-    sequence: u16,
+    sequence: u32,
     heard: Option<port::WireSetPoint>,
     bytes: ActualDeframer,
-    told: [u8; port::MAX_SET_POINT_FRAME],
+    told: [u8; port::SET_POINT_FRAME],
 }
 
-type Frame = heapless::Vec<u8, { port::MAX_ACTUAL_FRAME }>;
+type Frame = heapless::Vec<u8, { port::ACTUAL_FRAME }>;
 
 impl RobotEnd {
     /// The answer to the newest set-point: exactly there. Empty without one.
@@ -182,17 +182,19 @@ impl RobotEnd {
         let Some(heard) = self.heard else { return Frame::new() };
         self.sequence = self.sequence.wrapping_add(1);
         let actual = port::Actual {
-            version: port::VERSION,
+            // A nonce has hardly ever a byte of zero.
+            robot: 0x5eed_c0de,
             sequence: self.sequence,
-            heard: heard.sequence,
+            session: heard.session,
+            heard: heard.tick,
             lost: 0,
             pose: heard.pose.unwrap_or(waypoint(0).pose),
             error_um: 600,
             drives: port::Drives::Following,
         };
-        let mut bytes = [0; port::MAX_ACTUAL_FRAME];
-        let length = frame::encode(&actual, &mut bytes).unwrap_or(0);
-        Frame::from_slice(&bytes[..length]).unwrap_or_default()
+        let mut bytes = [0; port::ACTUAL_FRAME];
+        actual.write(&mut bytes);
+        Frame::from_slice(&bytes).unwrap_or_default()
     }
 
     #[inline(never)]
@@ -213,7 +215,7 @@ impl RobotEnd {
         self.hear(pendant, answer);
         let tick = pendant.tick(panel);
         if let Some(told) = &tick.robot {
-            let _ = black_box(told.encode(&mut self.told));
+            told.write(black_box(&mut self.told));
         }
         self.heard = tick.robot;
         tick.set_point.is_some()

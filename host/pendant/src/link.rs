@@ -9,6 +9,7 @@ pub mod saved;
 mod words;
 
 use std::collections::HashMap;
+use std::fmt;
 use std::hash::{BuildHasher, RandomState};
 use std::io::{self, ErrorKind, Read, Write};
 use std::sync::Arc;
@@ -34,6 +35,8 @@ pub use words::{cause_words, fault_words, refusal_words, state_words};
 pub const HELLO_PATIENCE: Duration = Duration::from_secs(2);
 /// A pendant speaks 20 times a second; after this long without a word it is gone.
 pub const SILENCE: Duration = Duration::from_secs(2);
+/// A command is answered, and a path gets on, within this time, or the other end is no pendant in order.
+pub const REPLY_PATIENCE: Duration = Duration::from_secs(5);
 /// How often the sender is asked what is due when nothing happens.
 const TURN: Duration = Duration::from_millis(5);
 
@@ -41,8 +44,11 @@ const TURN: Duration = Duration::from_millis(5);
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// Nobody answered.
-    #[error("no pendant answers (Hello was repeated for {} s)", HELLO_PATIENCE.as_secs())]
-    NoAnswer,
+    #[error("no pendant answers (Hello was repeated for {patience} s){noise}", patience = HELLO_PATIENCE.as_secs(), noise = .0)]
+    NoAnswer(Noise),
+    /// It speaks, and does not answer.
+    #[error("the pendant has not answered a command for {} s, although it speaks", REPLY_PATIENCE.as_secs())]
+    NoReply,
     /// Another host has the pendant.
     #[error("the pendant is busy: another host's session is alive, or the torch still moves")]
     Busy,
@@ -80,11 +86,54 @@ impl Error {
     /// What to try.
     pub fn hint(&self) -> &'static str {
         match self {
-            Self::NoAnswer | Self::Silent => "check cable, port and --baud, and that the pendant has power",
+            Self::NoAnswer(noise) if noise.frames > 0 => "install firmware and weldpath of the same release",
+            Self::NoAnswer(noise) if noise.bytes > 0 => {
+                "another device may be at this port, or the pendant has another --baud"
+            }
+            Self::NoReply => "let the enabling switch go; then start the pendant and the command again",
+            Self::NoAnswer(_) | Self::Silent => {
+                "check cable, port and --baud, and that the pendant has power"
+            }
             Self::Busy => "end the other program, or wait until the torch stands",
             Self::Attach(_) => "`weldpath stream --from-mm` or --from-waypoint loads the rest anew",
             Self::Version { .. } | Self::Schema { .. } => "install firmware and weldpath of the same release",
             Self::SessionLost | Self::Line(_) => "nothing moves until a new session; start the command again",
+        }
+    }
+}
+
+/// What came over a line on which nobody speaks this protocol.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Noise {
+    /// Bytes.
+    pub bytes: usize,
+    /// Frames with a right checksum that are no messages of this version.
+    pub frames: usize,
+    first: [u8; 8],
+}
+
+impl Noise {
+    /// More bytes.
+    pub fn hear(&mut self, bytes: &[u8]) {
+        for (place, byte) in self.first.iter_mut().skip(self.bytes).zip(bytes) {
+            *place = *byte;
+        }
+        self.bytes += bytes.len();
+    }
+}
+
+impl fmt::Display for Noise {
+    fn fmt(&self, to: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match (self.bytes, self.frames) {
+            (0, _) => Ok(()),
+            (_, 0) => {
+                write!(to, "; {} bytes came that are no frames, first", self.bytes)?;
+                self.first.iter().take(self.bytes).try_for_each(|byte| write!(to, " {byte:02x}"))
+            }
+            (_, frames) => {
+                let version = weldpath_core::wire::VERSION;
+                write!(to, "; {frames} frames came that are no messages of protocol version {version}")
+            }
         }
     }
 }
@@ -118,6 +167,8 @@ enum Input {
 }
 
 enum Told {
+    /// What came while nobody answered.
+    Heard(Noise),
     Connected(HelloAck),
     Busy,
     Event(Event),
@@ -176,7 +227,7 @@ impl Link {
         // From here on dropping ends the threads, whatever comes of the Hello.
         let mut opening = Opening { inputs: Some(inputs), stop: Arc::clone(&stop) };
         let ack = connected(&told)?;
-        let inputs = opening.inputs.take().ok_or(Error::NoAnswer)?;
+        let inputs = opening.inputs.take().ok_or(Error::NoAnswer(Noise::default()))?;
         Ok(Self { inputs, told, stop, ack, nonce })
     }
 
@@ -194,7 +245,10 @@ impl Link {
             self.told.try_iter().find_map(lost).unwrap_or(Error::SessionLost)
         };
         self.inputs.send(Input::Ask(command, answer)).map_err(|_| gone())?;
-        answered.recv().map_err(|_| gone())
+        answered.recv_timeout(REPLY_PATIENCE).map_err(|error| match error {
+            RecvTimeoutError::Timeout => Error::NoReply,
+            RecvTimeoutError::Disconnected => gone(),
+        })
     }
 
     /// Sends a path; [`Event::Loaded`] or a refusal follows.
@@ -207,7 +261,7 @@ impl Link {
         match self.told.recv_timeout(patience) {
             Ok(Told::Event(event)) => Ok(Some(event)),
             Ok(Told::Lost(error)) => Err(error),
-            Ok(Told::Connected(_) | Told::Busy) | Err(RecvTimeoutError::Timeout) => Ok(None),
+            Ok(Told::Connected(_) | Told::Busy | Told::Heard(_)) | Err(RecvTimeoutError::Timeout) => Ok(None),
             Err(RecvTimeoutError::Disconnected) => Err(Error::SessionLost),
         }
     }
@@ -240,15 +294,16 @@ fn close(inputs: &Channel<Input>, stop: &AtomicBool) {
 }
 
 fn connected(told: &Receiver<Told>) -> Result<HelloAck, Error> {
-    let mut refused = None;
+    let (mut refused, mut noise) = (None, Noise::default());
     let end = Instant::now() + HELLO_PATIENCE;
     loop {
         match told.recv_timeout(end.saturating_duration_since(Instant::now())) {
             Ok(Told::Connected(ack)) => return Ok(ack),
             Ok(Told::Busy) => refused = Some(Error::Busy),
             Ok(Told::Event(_)) => {}
+            Ok(Told::Heard(heard)) => noise = heard,
             Ok(Told::Lost(error)) => return Err(error),
-            Err(_) => return Err(refused.unwrap_or(Error::NoAnswer)),
+            Err(_) => return Err(refused.unwrap_or(Error::NoAnswer(noise))),
         }
     }
 }
@@ -279,6 +334,7 @@ struct Driver {
     sender: Sender,
     writer: Box<dyn Write + Send>,
     bytes: Box<PendantDeframer>,
+    noise: Noise,
     begin: Instant,
     heard: Option<Instant>,
     path: Vec<WireWaypoint>,
@@ -292,6 +348,7 @@ impl Driver {
             sender,
             writer,
             bytes: Box::new(PendantDeframer::new()),
+            noise: Noise::default(),
             begin: Instant::now(),
             heard: None,
             path: Vec::new(),
@@ -318,7 +375,15 @@ impl Driver {
     /// The error ends the session; none says that its owner did.
     fn take(&mut self, input: Input) -> Result<(), Option<Error>> {
         match input {
-            Input::Bytes(bytes) => bytes.into_iter().try_for_each(|byte| self.byte(byte)),
+            Input::Bytes(bytes) => {
+                self.noise.hear(&bytes);
+                bytes.into_iter().try_for_each(|byte| self.byte(byte))?;
+                if self.heard.is_none() {
+                    // Nobody may be listening any more.
+                    let _ = self.tell.send(Told::Heard(self.noise));
+                }
+                Ok(())
+            }
             Input::Failed(why) => Err(Some(Error::Line(why))),
             Input::Close => Err(None),
             Input::Ask(command, answer) => {
@@ -338,7 +403,10 @@ impl Driver {
 
     fn byte(&mut self, byte: u8) -> Result<(), Option<Error>> {
         let Some(Received::Payload(payload)) = self.bytes.push(byte) else { return Ok(()) };
-        let Ok(message) = frame::decode::<FromPendant>(payload) else { return Ok(()) };
+        let Ok(message) = frame::decode::<FromPendant>(payload) else {
+            self.noise.frames += 1;
+            return Ok(());
+        };
         self.heard = Some(Instant::now());
         let before = self.sender.progress().copied();
         let notice = self.sender.receive(message, self.now_us());

@@ -1,7 +1,7 @@
 //! Hand-guided scanning (paper II-B): hand frames to a pendant, camera poses back, views where the hand says so.
 //!
-//! The camera is simulated and follows the poses no faster than [`MOST_MM_S`] and [`MOST_RAD_S`]; what it captured
-//! becomes a scan by `weldpath_sim::simulation::captured`. Millimetres, robot base frame.
+//! The camera is where the robot at the pendant's port has it. Without one it is simulated and follows the poses no faster
+//! than [`MOST_MM_S`] and [`MOST_RAD_S`]. What it captured becomes a scan by `weldpath_sim::simulation::captured`. Millimetres, robot base frame.
 
 pub mod generator;
 pub mod live;
@@ -56,8 +56,9 @@ pub struct Session {
     pub clutched: usize,
     /// Frames without a steering hand.
     pub lost: usize,
-    /// Frames answered exactly as the host computes them.
-    pub agreed: usize,
+    /// Frames answered exactly as the host computes them; none of them with a robot at the port, from whose place each
+    /// step begins.
+    pub agreed: Option<usize>,
     /// All frames.
     pub frames: usize,
     /// Largest turn of the commanded pose from one frame to the next, rad.
@@ -150,9 +151,17 @@ pub fn play<E: std::error::Error + 'static>(
         session.largest_turn_rad =
             session.largest_turn_rad.max(commanded.rotation.angle_to(&target.rotation));
         commanded = target;
-        camera.follow(&target, frame.time_ms);
+        match pose.actual {
+            Some(actual) => {
+                camera.base_from_camera = isometry(&actual).ok_or(Error::NoPose { frame: index })?;
+            }
+            None => {
+                camera.follow(&target, frame.time_ms);
+                let agrees = twin.answer(frame, pose.time_ms) == answer;
+                session.agreed = Some(session.agreed.unwrap_or(0) + usize::from(agrees));
+            }
+        }
         session.count(steering(frame, setup.steer_right), &pose, took);
-        session.agreed += usize::from(twin.answer(frame, pose.time_ms) == answer);
         if pose.capture {
             session.captures.push((index, camera.base_from_camera));
         }
@@ -218,7 +227,7 @@ impl Twin {
     /// The answer to a frame that the pendant took at this time of its own clock.
     pub fn answer(&mut self, frame: &WireHandFrame, time_ms: u32) -> Answer {
         let anew = !std::mem::replace(&mut self.begun, true);
-        self.tasks.perform(&Task::HandFrame { hands: *frame, time_ms, anew }, &mut self.workspace)
+        self.tasks.perform(&Task::HandFrame { hands: *frame, time_ms, anew, from: None }, &mut self.workspace)
     }
 
     /// The answer to a neighbourhood.

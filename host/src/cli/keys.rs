@@ -5,12 +5,15 @@ use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::thread;
 
 use rustix::termios::{LocalModes, OptionalActions, Termios, tcgetattr, tcsetattr};
+use weldpath::files::interrupt::{self, Held};
 
 /// Ctrl-C, which a terminal hands over like any key while [`Keys`] lives.
 pub(super) const CTRL_C: u8 = 3;
 
-/// Keys as they are pressed; dropping it gives the terminal back as it was.
+/// Keys as they are pressed; dropping it gives the terminal back as it was. A signal that is to end the program is a Ctrl-C
+/// while it lives: whoever reads the keys ends in order.
 pub(super) struct Keys {
+    signals: Option<Held>,
     pressed: Receiver<u8>,
     before: Option<Termios>,
     ended: bool,
@@ -22,7 +25,7 @@ impl Keys {
         thread::spawn(move || {
             stdin().lock().bytes().map_while(Result::ok).try_for_each(|key| press.send(key))
         });
-        Self { pressed, before: unseen(), ended: false }
+        Self { signals: Some(interrupt::hold()), pressed, before: unseen(), ended: false }
     }
 
     /// Whether somebody sits there.
@@ -37,6 +40,11 @@ impl Keys {
 
     /// The next key, if one was pressed.
     pub(super) fn next(&mut self) -> Option<u8> {
+        if let Some(signals) = self.signals.take_if(|signals| signals.asked()) {
+            // It would end the program as it goes.
+            std::mem::forget(signals);
+            return Some(CTRL_C);
+        }
         match self.pressed.try_recv() {
             Ok(key) => Some(key),
             Err(TryRecvError::Empty) => None,

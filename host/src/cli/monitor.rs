@@ -3,7 +3,7 @@
 use std::io::Read;
 use std::time::{Duration, Instant};
 
-use weldpath::pendant::link::{cause_words, fault_words, is_passing, state_words};
+use weldpath::pendant::link::{Error, Noise, cause_words, fault_words, is_passing, state_words};
 use weldpath::pendant::serial;
 use weldpath_core::wire::frame::{self, Received};
 use weldpath_core::wire::{FromPendant, PendantDeframer, PendantMessage, Telemetry};
@@ -35,7 +35,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let line = serial::open(&args.port.port, args.port.baud)
         .map_err(|error| Failure::new(Exit::Pendant, &error).hint(error.hint()))?;
     let mut reports =
-        Reports { reader: line.reader, bytes: Box::new(PendantDeframer::new()), read: Vec::new() };
+        Reports { reader: line.reader, bytes: Box::default(), noise: Noise::default(), read: Vec::new() };
     let (mut seen, mut shown) = (0, None);
     while args.count.is_none_or(|count| seen < count) {
         let report = reports.next()?;
@@ -63,6 +63,7 @@ fn worth_a_line(shown: &mut Option<(Telemetry, Instant)>, report: &Telemetry) ->
 struct Reports {
     reader: Box<dyn Read + Send>,
     bytes: Box<PendantDeframer>,
+    noise: Noise,
     read: Vec<u8>,
 }
 
@@ -73,17 +74,19 @@ impl Reports {
             let mut rest = std::mem::take(&mut self.read).into_iter();
             while let Some(byte) = rest.next() {
                 let Some(Received::Payload(payload)) = self.bytes.push(byte) else { continue };
-                if let Ok(FromPendant { message: PendantMessage::Telemetry(report), .. }) =
-                    frame::decode(payload)
-                {
-                    self.read = rest.collect();
-                    return Ok(report);
+                match frame::decode(payload) {
+                    Ok(FromPendant { message: PendantMessage::Telemetry(report), .. }) => {
+                        self.read = rest.collect();
+                        return Ok(report);
+                    }
+                    Ok(_) => {}
+                    Err(_) => self.noise.frames += 1,
                 }
             }
             self.read()?;
         }
-        Err(Failure::new(Exit::Pendant, format!("no report for {} s", SILENCE.as_secs()))
-            .hint("check cable, port and --baud, and that the pendant has power"))
+        let why = format!("no report for {} s{}", SILENCE.as_secs(), self.noise);
+        Err(Failure::new(Exit::Pendant, why).hint(Error::NoAnswer(self.noise).hint()))
     }
 
     fn read(&mut self) -> Result<(), Failure> {
@@ -91,6 +94,7 @@ impl Reports {
         match self.reader.read(&mut buffer) {
             Ok(0) => Err(Failure::new(Exit::Pendant, "the line was closed at the other end")),
             Ok(count) => {
+                self.noise.hear(&buffer[..count]);
                 self.read.extend_from_slice(&buffer[..count]);
                 Ok(())
             }

@@ -8,7 +8,7 @@ use nalgebra::Isometry3;
 use weldpath::files::File;
 use weldpath::pendant::emulator::{Inputs, Panel};
 use weldpath::pendant::link;
-use weldpath::pendant::link::{Event, Link};
+use weldpath::pendant::link::{Event, Link, cause_words};
 use weldpath::pendant::teleop;
 use weldpath::pendant::teleop::live::Live;
 use weldpath::pendant::teleop::{Pace, REGIONS, Session, Setup, generator, recording};
@@ -122,7 +122,7 @@ fn scan(args: &Args, request: &Request, setup: &Setup) -> Result<(), Failure> {
         set_tool(&link, tool)?;
     }
     enable(&link, simulated.as_ref().map(|(_, panel)| panel), args.quiet)?;
-    let session = hands.play(setup, &link, args.quiet)?;
+    let session = hands.play(setup, &link, args.quiet).map_err(|failure| taken_off(&link, failure))?;
     if !args.quiet {
         print(&table(&session))?;
     }
@@ -230,6 +230,20 @@ impl Hands {
     }
 }
 
+/// The failure, with why the robot was taken out of the hands, if it was.
+fn taken_off(link: &Link, failure: Failure) -> Failure {
+    let mut newest = None;
+    while let Ok(Some(event)) = link.next(Duration::ZERO) {
+        if let Event::Telemetry(state) = event {
+            newest = state.cause;
+        }
+    }
+    let Some(cause) = newest else { return failure };
+    let message = format!("the robot was taken out of the hands: {}", cause_words(cause));
+    Failure { message, ..failure }
+        .hint("see to the robot, let the enabling switch go, and scan again; nothing was written")
+}
+
 fn unplayed(error: teleop::Error<link::Error>) -> Failure {
     match error {
         teleop::Error::Link(error) => lost(error),
@@ -243,13 +257,16 @@ fn unplayed(error: teleop::Error<link::Error>) -> Failure {
 /// Latency of each motion, beside the paper's.
 fn table(session: &Session) -> String {
     let mut text = format!(
-        "{} frames: {} clutched, {} without a steering hand; {} poses are the host's own to the last bit\n\
+        "{} frames: {} clutched, {} without a steering hand; {}\n\
          answer time per frame, ms (the paper's include its robot's motion)\n\
          {:10} {:>6} {:>8} {:>8} {:>8} {:>8}\n",
         session.frames,
         session.clutched,
         session.lost,
-        session.agreed,
+        match session.agreed {
+            Some(agreed) => format!("{agreed} poses are the host's own to the last bit"),
+            None => "the camera is where the robot has it".into(),
+        },
         "motion",
         "frames",
         "median",

@@ -10,8 +10,10 @@ use weldpath::output::frame::PathFrame;
 use weldpath::output::json;
 use weldpath::pendant::link::program;
 use weldpath::pendant::link::program::Upload;
+use weldpath::pendant::link::rest::Rest;
 use weldpath::pendant::link::{
-    Event, Former, HELLO_PATIENCE, Link, cause_words, fault_words, refusal_words, rest, saved, state_words,
+    Error, Event, Former, HELLO_PATIENCE, Link, REPLY_PATIENCE, cause_words, fault_words, refusal_words,
+    rest, saved, state_words,
 };
 use weldpath::pendant::teleop;
 use weldpath::run::job::Job;
@@ -77,7 +79,8 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let job = job(&args.program)?;
     // What moves is a robot, in its own base.
     let base = job.as_ref().map(|job| job.program_setup().frame.robot_base()).unwrap_or_default();
-    let planned = part(args, base.of(&read(&args.program)?))?;
+    let part = part(args, base.of(&read(&args.program)?))?;
+    let planned = &part.waypoints;
     let times = process_times(job.as_ref());
     let tool = job.as_ref().map(tool).transpose()?.flatten();
     let kept = saved::place(&args.program);
@@ -89,13 +92,15 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         (false, None) => {}
     }
     let limits = link.pendant().limits;
-    let upload = |program: &[Waypoint]| {
-        program::upload(program, &limits).map(|upload| Upload { times, ..upload }).map_err(|error| {
-            Failure::new(Exit::Unfinished, error)
+    let upload = |program: &[Waypoint], count: &dyn Fn(usize) -> usize| {
+        let upload = program::upload(program, &limits).map_err(|error| {
+            Failure::new(Exit::Unfinished, error.counted(count))
                 .hint("plan again with what the pendant can do; nothing was sent")
-        })
+        })?;
+        let origin = upload.origin.iter().map(|index| count(*index)).collect();
+        Ok(Upload { times, origin, ..upload })
     };
-    let path = upload(&planned)?;
+    let path = upload(planned, &|index| part.whole(index))?;
     if args.resume {
         let mut weld = Weld::new(args, &link, &path, PATH, Keys::new());
         weld.go_on(&kept)?;
@@ -103,9 +108,10 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     }
     let (mut id, mut keys) = (PATH, Keys::new());
     if args.approach
-        && let Some(way) = way_to(&link, &planned)?
+        && let Some(way) = way_to(&link, planned)?
     {
-        let way = upload(&way)?;
+        // All of it lies before the first waypoint.
+        let way = upload(&way, &|_| part.at)?;
         let mut approach = Weld::new(args, &link, &way, id, keys);
         approach.say("approach, slowly, with the arc barred:")?;
         approach.load()?;
@@ -122,11 +128,11 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
 }
 
 /// What of the program is to be welded.
-fn part(args: &Args, planned: Vec<Waypoint>) -> Result<Vec<Waypoint>, Failure> {
+fn part(args: &Args, planned: Vec<Waypoint>) -> Result<Rest, Failure> {
     let part = match (args.from_waypoint, args.from_mm) {
         (Some(at), _) => rest::from_waypoint(&planned, at),
         (_, Some(at_mm)) => rest::from_mm(&planned, at_mm),
-        _ => return Ok(planned),
+        _ => return Ok(Rest::all(planned)),
     };
     part.map_err(|error| Failure::new(Exit::Usage, error))
 }
@@ -193,6 +199,10 @@ fn way_to(link: &Link, planned: &[Waypoint]) -> Result<Option<Vec<Waypoint>>, Fa
         let told = state.robot.map(|robot| robot.pose).or((!limits.port).then_some(state.pose));
         let known = state.pins & Telemetry::POSE_KNOWN != 0;
         let (Some(pose), true, Some(first)) = (told, known, planned.first()) else { continue };
+        if pose.distance_um(&WirePose::IDENTITY) > limits.reach_um as f32 {
+            let why = "the pendant says that the torch is farther from the base than its own reach";
+            return Err(Failure::new(Exit::Unfinished, why).hint("see to the robot's pose and the tool"));
+        }
         let [w, i, j, k] = pose.orientation_q15.map(f64::from);
         let rotation = UnitQuaternion::new_normalize(Quaternion::new(w, i, j, k));
         let [x, y, z] = pose.position_um.map(|um| f64::from(um) * 1e-3);
@@ -237,13 +247,28 @@ struct Weld<'a> {
     state: Option<Telemetry>,
     /// Count of state changes when the state was told last.
     said: Option<u16>,
+    /// The operator has ended it.
+    stopped: bool,
+    /// It goes on with what another host began.
+    begins_amid: bool,
 }
 
 impl<'a> Weld<'a> {
     fn new(args: &'a Args, link: &'a Link, upload: &'a Upload, path: u16, keys: Keys) -> Self {
         let template = "{bar:32} {pos}/{len} waypoints {elapsed:>4}, {eta} left {msg}";
         let bar = progress::bar(args.quiet || !keys.is_terminal(), upload.waypoints.len() as u64, template);
-        Self { args, link, upload, path, keys, bar, state: None, said: None }
+        Self {
+            args,
+            link,
+            upload,
+            path,
+            keys,
+            bar,
+            state: None,
+            said: None,
+            stopped: false,
+            begins_amid: false,
+        }
     }
 
     fn say(&self, text: &str) -> Result<(), Failure> {
@@ -257,11 +282,20 @@ impl<'a> Weld<'a> {
         let began = Instant::now();
         self.bar.set_message("loading");
         self.link.load(begin, self.upload.waypoints.clone()).map_err(lost)?;
+        let mut got_on = Instant::now();
         loop {
             self.stop_if_asked()?;
             match self.next()? {
                 Some(Event::Loaded) => break,
                 Some(Event::Progress(ack)) if begin.streamed && ack.next >= prefilled => break,
+                Some(Event::Progress(_)) => got_on = Instant::now(),
+                _ if got_on.elapsed() > REPLY_PATIENCE => {
+                    let why = format!(
+                        "the pendant takes no more of the path: nothing was acknowledged for {} s",
+                        REPLY_PATIENCE.as_secs()
+                    );
+                    return Err(Failure::new(Exit::Pendant, why).hint(Error::NoReply.hint()));
+                }
                 _ => {}
             }
         }
@@ -291,6 +325,7 @@ impl<'a> Weld<'a> {
             return Err(Failure::new(Exit::Input, why).hint("plan as before, or --from-mm with the new plan"));
         }
         self.path = former.path;
+        self.begins_amid = true;
         self.keep_session(kept)?;
         let (mut told, mut entered) = (None, !self.keys.is_terminal());
         loop {
@@ -440,12 +475,28 @@ impl<'a> Weld<'a> {
             if state.finished == Some(self.path) {
                 self.bar.finish_and_clear();
                 let took_s = began.elapsed().as_secs_f64();
+                self.was_played(took_s)?;
                 return self
                     .say(&format!("finished, {took_s:.1} s; the pendant is {}", state_words(state.state)));
             }
             self.told_of(&state)?;
             self.ended(&state)?;
         }
+    }
+
+    /// No path takes less than its moves at their feeds.
+    fn was_played(&self, took_s: f64) -> Result<(), Failure> {
+        let least_s = 0.9 * self.upload.time_s();
+        if self.begins_amid || took_s >= least_s {
+            return Ok(());
+        }
+        let why = format!(
+            "the pendant says after {took_s:.1} s that the path is finished, whose moves alone take {:.1} s: \
+             it was not played",
+            self.upload.time_s()
+        );
+        Err(Failure::new(Exit::Unfinished, why)
+            .hint("look at the work and at the robot before anything else"))
     }
 
     fn told_of(&mut self, state: &Telemetry) -> Result<(), Failure> {
@@ -460,7 +511,8 @@ impl<'a> Weld<'a> {
 
     /// A hold that cannot be left, or that nobody is there to leave, ends the command.
     fn ended(&mut self, state: &Telemetry) -> Result<(), Failure> {
-        let final_hold = state.cause.is_some_and(|cause| !cause.is_resumable()) || self.keys.have_ended();
+        let final_hold =
+            state.cause.is_some_and(|cause| !cause.is_resumable()) || self.keys.have_ended() || self.stopped;
         let over = match state.state {
             State::Fault => true,
             State::Held => final_hold,
@@ -486,7 +538,10 @@ impl<'a> Weld<'a> {
     fn key(&mut self, key: u8) -> Result<(), Failure> {
         let answer = match key {
             b'h' | b' ' => self.ask(Command::Hold)?,
-            b's' | CTRL_C => self.ask(Command::Stop)?,
+            b's' | CTRL_C => {
+                self.stopped = true;
+                self.ask(Command::Stop)?
+            }
             b'r' => self.resume()?,
             _ => return Ok(()),
         };

@@ -522,11 +522,12 @@ fn gestures_and_scores_are_answered_only_while_nothing_moves() {
     bench.panel.manual = true;
     let _ = bench.lively_tick();
     let time_ms = 2 * bench.pendant.telemetry().tick;
-    let task = Task::HandFrame { hands, time_ms, anew: true };
+    let task = Task::HandFrame { hands, time_ms, anew: true, from: None };
     assert_eq!(bench.say(message.clone()), Action::Perform { request, task });
     assert_eq!(bench.say(message.clone()), Action::Idle, "under way: not computed twice");
     let pose = Answer::Pose(WireCameraPose {
         pose: WirePose::IDENTITY,
+        actual: None,
         region: 0,
         capture: false,
         clutch: true,

@@ -272,15 +272,22 @@ fn a_sender_survives_any_pendant() {
     let mut random = Random::new(24);
     let path = winding_path(&mut random, 700);
     let mut sender = Sender::new(&sender::Config { chunk: 4, window: 17 });
-    let mut now_us = 0;
+    let (mut now_us, mut session) = (0, 0);
     for round in 0..1_000_000_u64 {
         if round % 1_000 == 0 {
             sender.open(round as u32);
+            session = session_id(1, round as u32);
             let limits = Limits { ring: number(&mut random), ..limits() };
-            let ack =
-                HelloAck { version: VERSION, nonce: round as u32, boot: 1, tick: 7, request: 0, limits };
-            let _ =
-                sender.receive(FromPendant { session: 9, message: PendantMessage::HelloAck(ack) }, now_us);
+            let ack = HelloAck {
+                version: VERSION,
+                nonce: round as u32,
+                boot: 1,
+                tick: 7,
+                request: 0,
+                firmware: Firmware::default(),
+                limits,
+            };
+            let _ = sender.receive(FromPendant { session, message: PendantMessage::HelloAck(ack) }, now_us);
             assert!(sender.load(begin(1, &path, true), &path));
         }
         now_us += random.below(5_000);
@@ -291,7 +298,7 @@ fn a_sender_survives_any_pendant() {
             }
         }
         let message = pendant_message(&mut random);
-        let _ = sender.receive(FromPendant { session: 9, message }, now_us);
+        let _ = sender.receive(FromPendant { session, message }, now_us);
     }
 }
 

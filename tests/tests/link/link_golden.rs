@@ -1,4 +1,4 @@
-//! Version 3 of the wire, byte by byte, and what all versions share with version 1: Hello and its refusals. The files in
+//! Version 4 of the wire, byte by byte, and what all versions share with version 1: Hello and its refusals. The files in
 //! `golden` are never edited: a later version adds one beside them.
 //!
 //! Each line of it is a name, the payload (message without checksum) and the whole frame, in hex; docs/protocol.md
@@ -12,9 +12,12 @@ use serde::{Serialize, de::DeserializeOwned};
 use weldpath_core::interlock::{ArcPhase, Cause, Fault, State};
 use weldpath_core::wire::frame::{CRC32, Received, decode, encode};
 use weldpath_core::wire::*;
+use weldpath_tests::arm::{frame_of as frame_of_actual, told};
 
-const GOLDEN: &str = include_str!("../../golden/wire_v3.txt");
+const GOLDEN: &str = include_str!("../../golden/wire_v4.txt");
 const FIRST: &str = include_str!("../../golden/wire_v1.txt");
+/// Written by a program in Python that knows docs/robot-port.md only.
+const PORT: &str = include_str!("../../golden/port_v2.txt");
 const PROTOCOL: &str = include_str!("../../../docs/protocol.md");
 
 fn hex(bytes: &[u8]) -> String {
@@ -132,7 +135,7 @@ fn commands() -> Vec<(&'static str, Command)> {
 }
 
 fn from_host() -> Vec<(&'static str, FromHost)> {
-    let hello = Hello { version: 3, schema: 0x1234_5678, nonce: 0xCAFE_F00D };
+    let hello = Hello { version: 4, schema: 0x1234_5678, nonce: 0xCAFE_F00D };
     let chunk = Chunk {
         path: 3,
         first: 8,
@@ -186,6 +189,7 @@ fn answers() -> Vec<(&'static str, Answer)> {
             "pose",
             Answer::Pose(WireCameraPose {
                 pose: pose(),
+                actual: Some(WirePose { position_um: [123_000, 0, 2_000_000], ..pose() }),
                 region: 2,
                 capture: true,
                 clutch: false,
@@ -234,8 +238,15 @@ fn telemetry() -> Telemetry {
 }
 
 fn from_pendant() -> Vec<(&'static str, FromPendant)> {
-    let hello =
-        HelloAck { version: 3, nonce: 0xCAFE_F00D, boot: 77, tick: 100_000, request: 9, limits: limits() };
+    let hello = HelloAck {
+        version: 4,
+        nonce: 0xCAFE_F00D,
+        boot: 77,
+        tick: 100_000,
+        request: 9,
+        firmware: Firmware { version: [0, 1, 2], build: 0x8214_8b7f },
+        limits: limits(),
+    };
     let refused = |why| PendantMessage::HelloRefused(HelloRefused { nonce: 0xCAFE_F00D, why });
     let chunk = |why| PendantMessage::ChunkRefused(ChunkRefused { path: 3, first: 8, at: 1, why });
     let sample = Sample { tick: 100_000, segment: 5, alpha_q24: 1 << 23, pose: pose(), arc: true };
@@ -300,7 +311,7 @@ fn lines<M: Serialize>(messages: &[(&str, M)]) -> Vec<String> {
 }
 
 #[test]
-fn every_message_of_version_3_has_its_golden_bytes() {
+fn every_message_of_version_4_has_its_golden_bytes() {
     let now: Vec<String> = lines(&from_host()).into_iter().chain(lines(&from_pendant())).collect();
     let golden: Vec<&str> = GOLDEN.lines().collect();
     assert_eq!(now, golden, "\nwhole file now:\n{}\n", now.join("\n"));
@@ -336,8 +347,17 @@ fn the_golden_bytes_decode_to_their_messages() {
 
 /// Line of a golden file by its name: the payload.
 fn payload_in<'g>(golden: &'g str, name: &str) -> &'g str {
+    word_in(golden, name, 1)
+}
+
+/// The frame.
+fn frame_in<'g>(golden: &'g str, name: &str) -> &'g str {
+    word_in(golden, name, 2)
+}
+
+fn word_in<'g>(golden: &'g str, name: &str, word: usize) -> &'g str {
     let words = golden.lines().map(|line| line.split(' ').collect::<Vec<_>>());
-    words.into_iter().find(|words| words[0] == name).map(|words| words[1]).expect("in the file")
+    words.into_iter().find(|words| words[0] == name).map(|words| words[word]).expect("in the file")
 }
 
 #[test]
@@ -369,7 +389,7 @@ fn an_old_host_is_refused_with_both_versions() {
     let weldpath_core::pendant::Action::Send(answer) = pendant.receive(Received::Payload(&payload)) else {
         panic!("no answer")
     };
-    let why = HelloRefusal::Version { host: 1, pendant: 3 };
+    let why = HelloRefusal::Version { host: 1, pendant: 4 };
     assert_eq!(answer.message, PendantMessage::HelloRefused(HelloRefused { nonce: 0xCAFE_F00D, why }));
 }
 
@@ -403,6 +423,66 @@ fn the_protocol_document_shows_the_golden_bytes() {
         PROTOCOL.contains(&format!("{SCHEMA:#010x}")),
         "docs/protocol.md lacks the schema number {SCHEMA:#010x}"
     );
+}
+
+#[test]
+fn the_frames_of_the_robot_port_have_their_golden_bytes_and_no_others_are_read() {
+    let set_point = port::WireSetPoint {
+        lost: 3,
+        session: 0x0BAD_CAFE,
+        tick: 100_000,
+        robot: 0xCAFE_F00D,
+        heard: 4_711,
+        pose: Some(pose()),
+        motion: true,
+        arc: true,
+    };
+    let none = port::WireSetPoint {
+        lost: 0,
+        tick: 100_001,
+        robot: 0,
+        heard: 0,
+        pose: None,
+        motion: false,
+        arc: false,
+        ..set_point
+    };
+    let actual = port::Actual {
+        drives: port::Drives::Following,
+        lost: 2,
+        robot: 0xCAFE_F00D,
+        sequence: 4_712,
+        session: 0x0BAD_CAFE,
+        heard: 100_000,
+        pose: pose(),
+        error_um: 600,
+    };
+    let stopped = port::Actual {
+        drives: port::Drives::Stopped,
+        lost: u16::MAX,
+        sequence: u32::MAX,
+        heard: u32::MAX,
+        error_um: 0,
+        ..actual
+    };
+    for (name, frame) in [("set-point", set_point), ("set-point-none", none)] {
+        assert_eq!(hex(&told(&frame)), frame_in(PORT, name));
+        assert_eq!(port::WireSetPoint::from_bytes(&golden_of(PORT)[name]), Some(frame));
+    }
+    for (name, frame) in [("actual", actual), ("actual-stopped", stopped)] {
+        assert_eq!(hex(&frame_of_actual(&frame)), frame_in(PORT, name));
+        assert_eq!(port::Actual::from_bytes(&golden_of(PORT)[name]), Some(frame));
+    }
+    // Another version, length, flag or state of drives.
+    for (at, byte) in [(0, 1), (0, 3), (1, 8), (1, 3)] {
+        let (mut to, mut back) = (golden_of(PORT)["set-point"].clone(), golden_of(PORT)["actual"].clone());
+        (to[at], back[at]) = (byte, byte);
+        assert_eq!(port::WireSetPoint::from_bytes(&to).is_none(), (at, byte) != (1, 3), "{at} {byte}");
+        assert_eq!(port::Actual::from_bytes(&back), None, "{at} {byte}");
+    }
+    let payload = &golden_of(PORT)["set-point"];
+    assert_eq!(port::Actual::from_bytes(payload), None);
+    assert_eq!(port::WireSetPoint::from_bytes(&payload[1..]), None);
 }
 
 #[test]

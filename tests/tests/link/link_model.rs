@@ -91,6 +91,8 @@ enum Cell {
     Stay,
     /// "no".
     No,
+    /// Hands are taken off the robot: Disabled until a new grip.
+    TakenOff(Cause),
     /// A state without a path: Idle or, if the switch is not held, Disabled.
     Rest,
     Loading,
@@ -192,6 +194,7 @@ impl Model {
             (Running, Event::Stop) => Cell::Holding(Cause::Stop),
             (Running, Event::Underrun) => Cell::Holding(Cause::Underrun),
             (Running, Event::Robot(cause)) => Cell::Holding(cause),
+            (Idle, Event::Robot(cause)) => Cell::TakenOff(cause),
             (_, Event::Robot(_)) => Cell::Stay,
             (Held, Event::Attach) => Cell::Stay,
             (_, Event::Attach) => Cell::No,
@@ -236,6 +239,7 @@ impl Model {
             Cell::Rest if self.enabled => (Idle, None, None),
             Cell::Rest => (Disabled, None, None),
             Cell::Loading => (Loading, None, None),
+            Cell::TakenOff(cause) => (Disabled, Some(cause), None),
             Cell::Holding(cause) => (Holding, Some(cause), None),
             Cell::HoldingThen(fault) => (Holding, Some(Cause::Fault), self.fault.or(Some(fault))),
             Cell::Fault(fault) => (Fault, None, Some(fault)),
@@ -243,7 +247,7 @@ impl Model {
         let keeps_arm = matches!(state, Running | Ready);
         let held = self.state == Holding;
         *self = Self { state, cause, fault, armed: self.armed && keeps_arm, ..*self };
-        if state == Loading || state == Holding && !held {
+        if state == Loading || state == Holding && !held || matches!(cell, Cell::TakenOff(_)) {
             self.regrip();
         }
         true

@@ -3,13 +3,13 @@
 use weldpath_core::interlock::{Cause, State};
 use weldpath_core::path::TorchPose;
 use weldpath_core::pendant::{Config, PortConfig, SetPoint, Tick};
-use weldpath_core::wire::frame::{Received, decode, encode};
-use weldpath_core::wire::port::{Actual, ActualDeframer, Drives, MAX_SET_POINT_FRAME};
+use weldpath_core::wire::frame::Received;
+use weldpath_core::wire::port::{Actual, ActualDeframer, Drives, SetPointDeframer, WireSetPoint};
 use weldpath_core::wire::{
     Answer, Command, Field, Hand, Q15_ONE, Refusal, Telemetry, WireHandFrame, WireJog, WirePose, WireWaypoint,
 };
 use weldpath_tests::adversary::{Faults, Line, Random};
-use weldpath_tests::arm::{Arm, Limits};
+use weldpath_tests::arm::{Arm, Limits, frame_of, told};
 use weldpath_tests::bench::Bench;
 use weldpath_tests::world;
 
@@ -66,9 +66,7 @@ impl Cell {
     fn tick(&mut self) -> Tick {
         let tick = self.bench.lively_tick();
         let frame = tick.robot.expect("a port is fitted");
-        let mut out = [0; MAX_SET_POINT_FRAME];
-        let length = encode(&frame, &mut out).expect("fits");
-        if let Some(answer) = self.arm.take(&out[..length]) {
+        if let Some(answer) = self.arm.take(&told(&frame)) {
             self.under_way.push_back(answer);
         }
         while self.delay.is_some_and(|delay| self.under_way.len() > delay) {
@@ -122,17 +120,17 @@ impl Cell {
 fn every_set_point_reaches_the_robot_once_and_the_robot_follows_it() {
     let path = line(100, 50_000);
     let mut cell = Cell::running(&path);
-    let (mut told, mut executed, mut farthest_um) = (Vec::new(), Vec::new(), 0.0_f32);
+    let (mut sent, mut executed, mut farthest_um) = (Vec::new(), Vec::new(), 0.0_f32);
     while cell.bench.pendant.path().is_some() {
         let tick = cell.tick();
         if let Some(SetPoint { pose, .. }) = tick.set_point {
             executed.push(pose);
-            told.extend(tick.robot.and_then(|frame| frame.pose));
+            sent.extend(tick.robot.and_then(|frame| frame.pose));
             farthest_um = farthest_um.max(cell.arm.pose().distance_um(&pose));
         }
     }
     assert!(executed.len() > 1_000);
-    assert_eq!(told, executed);
+    assert_eq!(sent, executed);
     // An arm with a lag of 12 ms is 0.6 mm behind at 50 mm/s.
     assert!((400.0..700.0).contains(&farthest_um), "{farthest_um}");
     assert_eq!(cell.seen().finished, Some(1));
@@ -190,11 +188,11 @@ fn the_actual_pose_decides_over_start_and_resume_and_nobody_can_confirm_another(
 }
 
 #[test]
-fn a_robot_that_falls_silent_holds_after_three_ticks() {
+fn a_robot_that_falls_silent_holds_after_five_ticks() {
     let mut cell = Cell::welding();
     cell.delay = None;
     let ticks = cell.arc_goes_off(100);
-    assert_eq!(ticks, 4, "3 ticks may pass");
+    assert_eq!(ticks, 6, "5 ticks may pass");
     assert_eq!(cell.seen().cause, Some(Cause::RobotSilent));
     cell.ticks(200);
     assert_eq!(cell.seen().state, State::Held);
@@ -202,7 +200,7 @@ fn a_robot_that_falls_silent_holds_after_three_ticks() {
 
 #[test]
 fn a_robot_that_answers_late_holds_and_one_within_the_limit_does_not() {
-    for (delay, holds) in [(0, false), (1, false), (2, false), (3, true), (10, true)] {
+    for (delay, holds) in [(0, false), (1, false), (4, false), (5, true), (10, true)] {
         let mut cell = Cell::welding();
         cell.delay = Some(delay);
         cell.ticks(100);
@@ -220,7 +218,7 @@ fn a_recorded_answer_keeps_nothing_moving() {
         cell.hear(&recorded);
         !cell.tick().outputs.arc
     });
-    assert!(held.is_some_and(|ticks| ticks <= 4), "{held:?}");
+    assert!(held.is_some_and(|ticks| ticks <= 6), "{held:?}");
 }
 
 #[test]
@@ -295,8 +293,8 @@ fn under(faults: Faults, seed: u64, frames: u64) -> (u64, u64, u64) {
     let path = line(300, 20_000);
     let mut cell = Cell::running(&path);
     let (mut out, mut back) = (Line::new(faults, 460_800, seed), Line::new(faults, 460_800, seed + 1));
-    let mut told = std::collections::HashMap::new();
-    let mut arm_bytes = weldpath_core::wire::port::SetPointDeframer::new();
+    let mut sent = std::collections::HashMap::new();
+    let mut arm_bytes = SetPointDeframer::new();
     let (mut altered, mut stray, mut arrived, mut now_us) = (0, 0, 0, 0_u64);
     let mut random = Random::new(seed);
     while out.sent() < frames {
@@ -307,16 +305,14 @@ fn under(faults: Faults, seed: u64, frames: u64) -> (u64, u64, u64) {
         let tick = cell.bench.lively_tick();
         stray += u64::from(tick.outputs.arc && cell.bench.pendant.state() != State::Running);
         let frame = tick.robot.expect("fitted");
-        told.insert((frame.sequence, frame.tick), frame);
-        let mut bytes = [0; MAX_SET_POINT_FRAME];
-        let length = encode(&frame, &mut bytes).expect("fits");
-        out.send(now_us, &bytes[..length]);
+        sent.insert((frame.session, frame.tick), frame);
+        out.send(now_us, &told(&frame));
         while let Some(bytes) = out.arrived(now_us + 1_999) {
             for byte in bytes {
                 let Some(Received::Payload(payload)) = arm_bytes.push(byte) else { continue };
-                let Ok(frame) = decode::<weldpath_core::wire::port::WireSetPoint>(payload) else { continue };
+                let Some(frame) = WireSetPoint::from_bytes(payload) else { continue };
                 arrived += 1;
-                altered += u64::from(told.get(&(frame.sequence, frame.tick)) != Some(&frame));
+                altered += u64::from(sent.get(&(frame.session, frame.tick)) != Some(&frame));
                 if cell.arm.follow(&frame) {
                     back.send(now_us + 1_000, &cell.arm.answer());
                 }
@@ -390,17 +386,289 @@ fn faults_of_the_robots_line_over_a_million_frames_each() {
 }
 
 #[test]
-fn an_answer_of_another_version_or_to_a_frame_never_sent_is_none() {
+fn an_answer_of_another_version_session_or_end_or_to_a_frame_never_sent_is_none() {
     let path = line(20, 50_000);
     let mut cell = Cell::loaded(&path, &path[0].pose);
-    cell.delay = None;
-    cell.ticks(10);
     let good = cell.arm.actual();
-    for bad in [Actual { version: 2, ..good }, Actual { heard: good.heard.wrapping_add(9), ..good }] {
-        let mut out = [0; 64];
-        let length = encode(&bad, &mut out).expect("fits");
-        cell.hear(&out[..length]);
-        assert_eq!(cell.seen().robot, None, "{bad:?}");
+    let wrong = [
+        Actual { session: good.session.wrapping_add(1), ..good },
+        Actual { heard: good.heard.wrapping_add(9), ..good },
+        Actual { robot: 0, ..good },
+        Actual { robot: good.robot.wrapping_add(2), ..good },
+        Actual { sequence: good.sequence.wrapping_sub(1), ..good },
+    ];
+    for bad in wrong {
+        let before = cell.seen().robot.expect("heard");
+        cell.hear(&frame_of(&Actual { error_um: 77, ..bad }));
+        assert_eq!(cell.seen().robot, Some(before), "{bad:?}");
+    }
+    cell.hear(&frame_of(&Actual { error_um: 77, ..good }));
+    assert_eq!(cell.seen().robot.map(|robot| robot.error_um), Some(77));
+}
+
+#[test]
+fn answers_recorded_a_boot_a_session_or_a_wrap_of_sixteen_bits_earlier_start_nothing() {
+    let path = line(20, 50_000);
+    // What a robot answered in another session, and 65,536 frames ago in this one.
+    let mut cell = Cell::loaded(&path, &path[0].pose);
+    let ancient = frame_of(&cell.arm.actual());
+    cell.delay = None;
+    for _ in 0..65_536 {
+        let _ = cell.bench.lively_tick();
+    }
+    cell.hear(&ancient);
+    assert_eq!(cell.seen().robot, None);
+    assert_eq!(cell.start(), Answer::Refused(Refusal::Robot));
+    // A boot and a session earlier: everything that was answered there, at the same ticks here.
+    let mut earlier = Cell::new(&path[0].pose);
+    for _ in 0..200 {
+        let _ = earlier.bench.tick();
+    }
+    earlier.bench.open(5);
+    assert_eq!(earlier.set_tool(WirePose::IDENTITY), Answer::Done);
+    let mut later = Cell::new(&path[0].pose);
+    later.delay = None;
+    for _ in 0..500 {
+        let _ = earlier.tick();
+        let _ = later.bench.lively_tick();
+        later.hear(&earlier.arm.answer());
+        assert_eq!(later.seen().robot, None);
+    }
+    assert!(earlier.seen().robot.is_some());
+}
+
+#[test]
+fn one_lost_answer_on_the_slowest_line_does_not_drop_the_arc() {
+    // A line of 460,800 baud, and a bridge that answers 4 ms after it has a frame: docs/robot-port.md's budget.
+    const BYTE_US: u64 = 22;
+    const BRIDGE_US: u64 = 4_000;
+    let mut cell = Cell::welding();
+    let (mut to_robot, mut to_pendant) =
+        (std::collections::VecDeque::new(), std::collections::VecDeque::new());
+    let (mut now_us, mut answers, mut lost) = (0_u64, 0_u32, 0);
+    for _ in 0..2_000 {
+        now_us += 2_000;
+        while to_pendant.front().is_some_and(|(at_us, _)| *at_us <= now_us) {
+            let (_, bytes): (u64, Vec<u8>) = to_pendant.pop_front().expect("there is one");
+            cell.hear(&bytes);
+        }
+        let tick = cell.bench.lively_tick();
+        let bytes = told(&tick.robot.expect("fitted"));
+        to_robot.push_back((now_us + BYTE_US * bytes.len() as u64, bytes));
+        let (at_us, bytes) = to_robot.pop_front().expect("there is one");
+        let answer = cell.arm.take(&bytes).expect("an answer");
+        answers += 1;
+        if answers % 40 == 0 {
+            lost += 1;
+        } else {
+            to_pendant.push_back((at_us + BRIDGE_US + BYTE_US * answer.len() as u64, answer));
+        }
+        assert_eq!(cell.seen().state, State::Running, "{lost} lost: {:?}", cell.seen().cause);
+    }
+    assert!(lost >= 49);
+}
+
+/// Ticks with the arc on until it is off, of a robot that is `aside_um` beside the weld from now on.
+fn beside_the_weld(aside_um: i32, turned_mrad: f64) -> Option<u32> {
+    let mut cell = Cell::welding();
+    let half = turned_mrad * 0.5e-3;
+    let turn = [half.cos(), half.sin(), 0.0, 0.0].map(|c| (c * f64::from(Q15_ONE)).round() as i16);
+    (1..=400).find(|_| {
+        let tick = cell.bench.lively_tick();
+        let mut actual = {
+            let _ = cell.arm.follow(&tick.robot.expect("fitted"));
+            cell.arm.actual()
+        };
+        actual.pose.position_um[1] += aside_um;
+        actual.pose.orientation_q15 = turn;
+        actual.error_um = 0;
+        cell.hear(&frame_of(&actual));
+        !tick.outputs.arc
+    })
+}
+
+#[test]
+fn a_weld_beside_the_joint_is_held_at_two_millimetres_or_two_degrees() {
+    assert_eq!(beside_the_weld(1_500, 0.0), None);
+    let late = beside_the_weld(2_300, 0.0).expect("held");
+    assert!((50..56).contains(&late), "{late} ticks");
+    assert!(beside_the_weld(9_900, 0.0).is_some_and(|ticks| ticks < 56));
+    assert_eq!(beside_the_weld(0, 30.0), None);
+    assert!(beside_the_weld(0, 38.0).is_some_and(|ticks| ticks < 56));
+    assert!(beside_the_weld(0, 170.0).is_some_and(|ticks| ticks < 56));
+    assert!(beside_the_weld(10_100, 0.0).is_some_and(|ticks| ticks < 5));
+}
+
+#[test]
+fn a_frozen_robot_is_noticed_by_its_standing_still() {
+    // 5 mm/s: 2 mm off the set-point would take 400 ms and 100 more.
+    for (feed_um_s, most_ticks) in [(5_000, 70), (20_000, 60), (2_000, 150)] {
+        let path = line(40, feed_um_s);
+        let mut cell = Cell::running(&path);
+        cell.ticks(600);
+        assert!(cell.tick().outputs.arc);
+        let frozen = cell.arm.actual().pose;
+        let ticks = (1..=400).find(|_| {
+            let tick = cell.bench.lively_tick();
+            let _ = cell.arm.follow(&tick.robot.expect("fitted"));
+            let actual = Actual { pose: frozen, error_um: 0, ..cell.arm.actual() };
+            cell.hear(&frame_of(&actual));
+            !tick.outputs.arc
+        });
+        assert_eq!(cell.seen().cause, Some(Cause::RobotOff));
+        assert!(ticks.is_some_and(|ticks| ticks <= most_ticks), "{feed_um_s} um/s: {ticks:?}");
+    }
+}
+
+#[test]
+fn a_robot_that_stops_by_itself_has_no_set_points_run_on_ahead_of_it() {
+    let mut cell = Cell::welding();
+    cell.arm.drives = Drives::Stopped;
+    let _ = cell.tick();
+    let last = cell.tick();
+    for _ in 0..100 {
+        let tick = cell.tick();
+        assert!(!tick.motion && !tick.outputs.arc);
+        assert_eq!(tick.robot.and_then(|frame| frame.pose), last.robot.and_then(|frame| frame.pose));
+    }
+    assert_eq!(cell.seen().state, State::Held);
+    assert_eq!(cell.seen().cause, Some(Cause::RobotDrives));
+}
+
+#[test]
+fn what_the_robot_says_of_its_error_counts_before_a_start() {
+    let path = line(20, 50_000);
+    let mut cell = Cell::loaded(&path, &path[0].pose);
+    let _ = cell.bench.lively_tick();
+    let actual = Actual { error_um: 2_500, ..cell.arm.actual() };
+    let heard = cell.seen().tick;
+    cell.hear(&frame_of(&Actual { heard, ..actual }));
+    assert!(matches!(cell.start(), Answer::Refused(Refusal::Away { distance_um: 2_500, .. })));
+}
+
+/// Hands that push the camera one way, as fast as frames may come, for so many ticks; the last tick and whether all
+/// frames were taken.
+fn pushed(cell: &mut Cell, ticks: u32, clock_ms: &mut u32) -> (Tick, bool) {
+    let (mut last, mut taken) = (cell.tick(), true);
+    for k in 0..ticks {
+        *clock_ms += 2;
+        if k % 5 == 0 {
+            let hands = WireHandFrame {
+                time_ms: *clock_ms,
+                left: Some(hand([150_000, 200_000, 0], 1000)),
+                right: None,
+            };
+            taken &= matches!(cell.bench.command(Command::HandFrame(hands)), Answer::Pose(_));
+        }
+        last = cell.tick();
+    }
+    (last, taken)
+}
+
+/// Hands guide the camera, and it moves.
+fn guided() -> (Cell, u32) {
+    let start = WirePose { position_um: [300_000, 0, 400_000], ..WirePose::IDENTITY };
+    let mut cell = Cell::new(&start);
+    cell.bench.panel.manual = true;
+    cell.bench.panel.enable = false;
+    cell.ticks(3);
+    cell.bench.panel.enable = true;
+    cell.ticks(3);
+    assert_eq!(cell.bench.command(Command::SetJog(jog(&start))), Answer::Done);
+    let mut clock_ms = 0;
+    let (last, taken) = pushed(&mut cell, 300, &mut clock_ms);
+    assert!(taken && last.motion, "{:?}", cell.seen());
+    assert!(cell.arm.pose().distance_um(&start) > 20_000.0, "{:?}", cell.arm.pose());
+    (cell, clock_ms)
+}
+
+#[test]
+fn hands_are_taken_off_a_robot_that_is_silent_stopped_off_or_stands_still_until_a_new_grip() {
+    type Trouble = fn(&mut Cell);
+    let troubles: [(Trouble, Cause, u32); 4] = [
+        (|cell| cell.delay = None, Cause::RobotSilent, 8),
+        (|cell| cell.arm.drives = Drives::Stopped, Cause::RobotDrives, 3),
+        (
+            |cell| {
+                let mut aside = cell.arm.pose();
+                aside.position_um[1] += 15_000;
+                cell.arm.put(&aside);
+            },
+            Cause::RobotOff,
+            3,
+        ),
+        (|cell| cell.arm.jammed = true, Cause::RobotOff, 80),
+    ];
+    for (trouble, cause, most_ticks) in troubles {
+        let (mut cell, mut clock_ms) = guided();
+        trouble(&mut cell);
+        let ticks = (1..=100).find(|_| !pushed(&mut cell, 1, &mut clock_ms).0.motion);
+        assert!(ticks.is_some_and(|ticks| ticks <= most_ticks), "{cause:?}: {ticks:?}");
+        assert_eq!((cell.seen().state, cell.seen().cause), (State::Disabled, Some(cause)));
+        // All well again: not before a new grip.
+        (cell.delay, cell.arm.drives, cell.arm.jammed) = (Some(0), Drives::Following, false);
+        let (last, taken) = pushed(&mut cell, 50, &mut clock_ms);
+        assert!(!taken && !last.motion && last.robot.is_some_and(|frame| frame.pose.is_none()));
+        cell.bench.panel.enable = false;
+        cell.ticks(2);
+        cell.bench.panel.enable = true;
+        cell.ticks(2);
+        let (last, taken) = pushed(&mut cell, 50, &mut clock_ms);
+        assert!(taken && last.motion, "{cause:?}");
+        assert_eq!(cell.seen().cause, None);
+    }
+}
+
+#[test]
+fn the_camera_is_never_commanded_farther_ahead_of_the_robot_than_it_stops_in() {
+    let (mut cell, mut clock_ms) = guided();
+    // A robot that goes at a fifth of what hands ask for.
+    cell.arm.limit(20.0);
+    let mut ahead_um = 0.0_f32;
+    for _ in 0..2_000 {
+        let (tick, _) = pushed(&mut cell, 1, &mut clock_ms);
+        if let Some(pose) = tick.robot.and_then(|frame| frame.pose) {
+            ahead_um = ahead_um.max(pose.distance_um(&cell.arm.pose()));
+        }
+    }
+    // 100 mm/s with 500 mm/s^2: 10 mm, and what the encoders shake.
+    assert!((5_000.0..10_100.0).contains(&ahead_um), "{ahead_um}");
+}
+
+#[test]
+fn a_camera_pose_carries_where_the_robot_is_and_not_where_it_was_sent() {
+    let (mut cell, clock_ms) = guided();
+    let hands =
+        WireHandFrame { time_ms: clock_ms + 2, left: Some(hand([150_000, 200_000, 0], 1000)), right: None };
+    let Answer::Pose(camera) = cell.bench.command(Command::HandFrame(hands)) else { panic!("a pose") };
+    let actual = camera.actual.expect("a port is fitted");
+    assert!(actual.distance_um(&cell.arm.pose()) < 100.0);
+    assert!(actual.distance_um(&camera.pose) > 500.0, "the robot lags");
+}
+
+#[test]
+fn the_workspace_bounds_the_camera_and_the_flange_that_bears_it() {
+    // The camera 100 mm behind the flange on its way, and 100 mm ahead of it.
+    for along_um in [-100_000, 100_000] {
+        let tool = WirePose { position_um: [along_um, 0, 0], ..WirePose::IDENTITY };
+        let start = WirePose { position_um: [1_300_000, 0, 400_000], ..WirePose::IDENTITY };
+        let mut cell = Cell::new(&after(&start, &inverse(&tool)));
+        assert_eq!(cell.set_tool(tool), Answer::Done);
+        cell.bench.panel.manual = true;
+        cell.bench.panel.enable = false;
+        cell.ticks(3);
+        cell.bench.panel.enable = true;
+        cell.ticks(5);
+        assert_eq!(cell.bench.command(Command::SetJog(jog(&start))), Answer::Done);
+        let (mut clock_ms, mut farthest_um) = (0, 0);
+        for _ in 0..1_500 {
+            let (tick, _) = pushed(&mut cell, 1, &mut clock_ms);
+            let Some(flange) = tick.robot.and_then(|frame| frame.pose) else { continue };
+            let camera = after(&flange, &tool);
+            farthest_um = farthest_um.max(camera.position_um[0]).max(flange.position_um[0]);
+        }
+        // A step of the hand short of the bound, at most.
+        assert!((1_498_900..=1_500_001).contains(&farthest_um), "{farthest_um}");
     }
 }
 

@@ -9,3 +9,4 @@ mod python_client;
 mod qemu_boot;
 mod qemu_link;
 mod qemu_port;
+mod robot_end;

@@ -53,6 +53,12 @@ pub enum Error {
         /// The pendant's reach.
         reach_mm: u32,
     },
+    /// What the pendant says of itself cannot be.
+    #[error("the pendant says that its {what} is 0: no path fits that")]
+    Limits {
+        /// Which limit.
+        what: &'static str,
+    },
     /// The torch has to stand where the program does not move on.
     #[error(
         "waypoint {index} (counted from 0) has the torch stand still, but the program makes no move after it"
@@ -73,9 +79,32 @@ pub enum Error {
     },
 }
 
+impl Error {
+    /// The same with its waypoint counted otherwise.
+    #[must_use]
+    pub fn counted(self, count: impl Fn(usize) -> usize) -> Self {
+        match self {
+            Self::Reach { index, reach_mm } => Self::Reach { index: count(index), reach_mm },
+            Self::Dwell { index } => Self::Dwell { index: count(index) },
+            Self::Feed { index, feed_mm_s } => Self::Feed { index: count(index), feed_mm_s },
+            Self::Short | Self::Limits { .. } => self,
+        }
+    }
+}
+
 /// Brings a program into the pendant's form. Long moves are divided evenly, on the same line and the same arc;
 /// waypoints nearer to the one before than the pendant's shortest step are left out.
 pub fn upload(program: &[program::Waypoint], limits: &Limits) -> Result<Upload, Error> {
+    let zero = [
+        ("longest step", limits.max_step_um),
+        ("shortest step", limits.min_step_um),
+        ("reach", limits.reach_um),
+        ("fastest feed", limits.max_feed_um_s),
+        ("tick", limits.tick_us),
+    ];
+    if let Some((what, _)) = zero.into_iter().find(|(_, limit)| *limit == 0) {
+        return Err(Error::Limits { what });
+    }
     let mut upload = Upload { waypoints: Vec::new(), times: ProcessTimes::default(), origin: Vec::new() };
     let mut stands = Stands::default();
     let segments: Vec<Segment> = program::segments(program).collect();

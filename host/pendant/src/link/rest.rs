@@ -32,21 +32,44 @@ pub enum Error {
     },
 }
 
-/// The program from waypoint `at` on, counted from 0 as `path.json` has them, with a lead-in along the torch axis.
-pub fn from_waypoint(program: &[Waypoint], at: usize) -> Result<Vec<Waypoint>, Error> {
-    let rest = program.get(at..).filter(|rest| rest.len() > 1);
-    let rest = rest.ok_or(Error::Waypoint { at, count: program.len() })?;
-    Ok(led_in(rest[0], &rest[1..]))
+/// A program, or the rest of one.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Rest {
+    /// Of a rest: a lead-in along the torch axis, the place to go on from, and the waypoints after it.
+    pub waypoints: Vec<Waypoint>,
+    /// The waypoint of the whole program at which, or on whose move, it goes on, counted from 0.
+    pub at: usize,
+    lead_in: usize,
 }
 
-/// The program from so far along its path on, mm, with a lead-in along the torch axis.
-pub fn from_mm(program: &[Waypoint], at_mm: f64) -> Result<Vec<Waypoint>, Error> {
+impl Rest {
+    /// All of it.
+    pub fn all(program: Vec<Waypoint>) -> Self {
+        Self { waypoints: program, at: 0, lead_in: 0 }
+    }
+
+    /// The waypoint of the whole program at which, or on whose move, a waypoint of the rest stands.
+    pub fn whole(&self, index: usize) -> usize {
+        self.at + index.saturating_sub(self.lead_in)
+    }
+}
+
+/// The program from waypoint `at` on, counted from 0 as `path.json` has them.
+pub fn from_waypoint(program: &[Waypoint], at: usize) -> Result<Rest, Error> {
+    let rest = program.get(at..).filter(|rest| rest.len() > 1);
+    let rest = rest.ok_or(Error::Waypoint { at, count: program.len() })?;
+    Ok(Rest { waypoints: led_in(rest[0], &rest[1..]), at, lead_in: 1 })
+}
+
+/// The program from so far along its path on, mm.
+pub fn from_mm(program: &[Waypoint], at_mm: f64) -> Result<Rest, Error> {
     let mut passed_mm = 0.0;
     for (index, pair) in program.windows(2).enumerate() {
         let way_mm = (pair[1].position_mm - pair[0].position_mm).norm();
         if (passed_mm..passed_mm + way_mm).contains(&at_mm) {
             let share = (at_mm - passed_mm) / way_mm;
-            return Ok(led_in(between(&pair[0], &pair[1], share), &program[index + 1..]));
+            let first = between(&pair[0], &pair[1], share);
+            return Ok(Rest { waypoints: led_in(first, &program[index + 1..]), at: index, lead_in: 1 });
         }
         passed_mm += way_mm;
     }
