@@ -21,7 +21,7 @@ use crate::geometry::grid::Grid;
 use crate::seam::measure::coverage;
 use crate::weld::SeamPath;
 
-pub use self::config::{Config, MergeConfig, Method, SearchConfig, Wishes};
+pub use self::config::{Config, MergeConfig, Method, RATIO_THRESHOLD, SearchConfig, Wishes};
 pub use self::merged::MergedViews;
 pub use self::result::{Derivation, Parameter, Plan, PlanError, Remarks};
 pub use self::stages::{Evidence, Observer, Step};
@@ -72,12 +72,12 @@ pub fn plan_from(
     let survey = stages.keep(&mut kept.survey, |stages| {
         let scene = stages.time("exclusion", || Scene::new(&merged, &search.exclusion, *method, merge))?;
         let raw = stages.time("index", || Grid::new(&scene.work(&merged.cloud).points_mm, RAW_CELL_MM));
-        let sought = merged.search(&scene, &raw, *method, &search.seam);
+        let sought = merged.search(&scene, &raw, *method, search);
         let (result, ground) = tacks::sought_without(&sought, &merged.scale, stages)?; // II-D, II-E, eqs. (10)-(17)
         Ok(Survey { scene, raw, ground, result })
     })?;
 
-    let sought = survey.search(&merged, *method, &search.seam);
+    let sought = survey.search(&merged, *method, search);
     let mut result = survey.result.clone();
     let (unmet, undrawn) = sought.grant(wishes, &mut result, stages);
     survey.scene.trim(&mut result.found, &merged.views);

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use weldpath::files::{File, reading};
 use weldpath::input;
 use weldpath::output::verdict::{Reason, ReasonId, State};
-use weldpath::pipeline;
+use weldpath::pipeline::{self, Method};
 use weldpath::report;
 use weldpath::robot::dialect::Dialect;
 use weldpath::robot::dialect::moves::TooLong;
@@ -19,7 +19,7 @@ use weldpath::run::job::resume::ResumeSettings;
 use weldpath::run::job::robot::{RobotSettings, TorchBodySettings};
 use weldpath::run::job::scan::AnchorName;
 use weldpath::run::job::touch::TouchSettings;
-use weldpath::run::job::{Job, MethodName, Sequence};
+use weldpath::run::job::{Job, Sequence};
 use weldpath::run::planning::{self, Kept};
 use weldpath::run::postprocessing;
 use weldpath::run::postprocessing::{Output, postprocess};
@@ -130,7 +130,7 @@ pub(super) struct Args {
     draw: Vec<DrawSettings>,
     /// How seams are found; the paper's way is for comparison [default: weldpath]
     #[arg(long)]
-    method: Option<MethodName>,
+    method: Option<Method>,
     /// Threshold of the paper's way, eq. (16) [default: 53]
     #[arg(long, value_name = "T", allow_negative_numbers = true)]
     t: Option<RatioThreshold>,
@@ -243,7 +243,7 @@ fn job(args: &Args) -> Result<Job, Failure> {
     }
     touches(&mut job, args)?;
     replace(&mut job.method, args.method);
-    if args.method == Some(MethodName::Weldpath) {
+    if args.method == Some(Method::Weldpath) {
         job.ratio_threshold = None;
     }
     job.ratio_threshold = args.t.or(job.ratio_threshold);
@@ -318,14 +318,14 @@ fn where_to_look(job: &mut Job, args: &Args) -> Result<(), Failure> {
 
 /// Settings that exclude each other.
 fn exclusive(job: &Job) -> Result<(), Failure> {
-    if !job.asks.is_empty() && job.method == MethodName::Paper {
+    if !job.asks.is_empty() && job.method == Method::Paper {
         let failure = Failure::new(
             Exit::Usage,
             "the paper's method fits no faces, and can look for no seam that is asked for",
         );
         return Err(failure.hint("leave --method paper out, or --ask and [[ask]]"));
     }
-    if !job.draws.is_empty() && job.method == MethodName::Paper {
+    if !job.draws.is_empty() && job.method == Method::Paper {
         let failure = Failure::new(
             Exit::Usage,
             "the paper's method fits no faces, and can lay no drawn line onto them",
@@ -336,7 +336,7 @@ fn exclusive(job: &Job) -> Result<(), Failure> {
         let failure = Failure::new(Exit::Usage, format!("{} cannot be accepted", id.name()));
         return Err(failure.hint("a person looks at what is drawn each time: the verdict stays at check"));
     }
-    if job.ratio_threshold.is_some() && job.method == MethodName::Weldpath {
+    if job.ratio_threshold.is_some() && job.method == Method::Weldpath {
         let failure = Failure::new(Exit::Usage, "--t is the threshold of the paper's method only");
         return Err(
             failure.hint("add --method paper, or leave --t out: the threshold is found from the data")

@@ -2,10 +2,12 @@
 
 use super::{Exit, Failure};
 use weldpath::run::job::Job;
-use weldpath::run::job::layer::{Direction, Pattern, WeaveShape};
+use weldpath::run::job::layer::Direction;
 use weldpath::run::job::quantity::{
     AmplitudeMm, ExtendMm, LeadMm, PitchMm, StitchMm, Tacks, TravelAngleDeg, WavelengthMm, WorkAngleDeg,
 };
+use weldpath::weld::stitching::Pattern;
+use weldpath::weld::weave::Shape;
 
 /// They hold for every seam that has no setting of its own in the job file; docs/welding.md shows each.
 #[derive(Debug, clap::Args)]
@@ -28,7 +30,7 @@ pub(super) struct WeldArgs {
     lead_mm: Option<LeadMm>,
     /// Swing about the seam [default: none]
     #[arg(long, value_name = "SHAPE")]
-    weave: Option<WeaveShape>,
+    weave: Option<Shape>,
     /// From the seam to the farthest place of the weave on either side [default: 2]
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     amplitude_mm: Option<AmplitudeMm>,
@@ -82,11 +84,13 @@ impl WeldArgs {
             ("--wavelength-mm", self.wavelength_mm.is_some()),
         ];
         if let Some((option, _)) = swings.iter().find(|(_, given)| *given)
-            && recipes.iter().all(|recipe| recipe.weave.is_none())
+            && recipes.iter().all(|recipe| recipe.weave.shape == Shape::None)
         {
             return refused(option, "no seam weaves: add --weave sine, or another shape");
         }
-        if self.stitch_mm.is_some() && recipes.iter().all(|recipe| recipe.stitch.is_none()) {
+        if self.stitch_mm.is_some()
+            && recipes.iter().all(|recipe| recipe.stitch.pattern == Pattern::Continuous)
+        {
             return refused("--stitch-mm", "every seam is welded through: add --pitch-mm or --tacks");
         }
         Ok(())

@@ -8,8 +8,7 @@ use nalgebra::{Point3, Vector3};
 use serde::Serialize;
 use weldpath_job::output::arm::ArmDrawing;
 use weldpath_job::output::summary::Summary;
-use weldpath_job::run::job::MethodName;
-use weldpath_method::pipeline::Plan;
+use weldpath_method::pipeline::{Method, Plan};
 use weldpath_method::seam::Seam;
 use weldpath_method::weld::air;
 use weldpath_method::weld::program::{Kind, Waypoint};
@@ -180,7 +179,7 @@ fn histograms<'a>(run: &Run<'a>) -> Histograms<'a> {
         intensity_gate: derived("intensity_gate").filter(|gate| *gate > 0.0),
         ratio: &recording.ratio,
         ratio_threshold: job.ratio_threshold.unwrap_or_default().get(),
-        ratio_decides: job.method == MethodName::Paper,
+        ratio_decides: job.method == Method::Paper,
         spacing_mm: &recording.spacing_mm,
         spacing_marks_mm: [("mean", "spacing_mm"), ("voxel", "voxel_mm")]
             .iter()

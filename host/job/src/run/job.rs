@@ -34,8 +34,7 @@ use calibration::CalibrationSettings;
 use exclude::ExcludeSettings;
 use frame::ToolSetting;
 pub use layer::{
-    JointSettings, PassSettings, PathSettings, SeamSettings, StitchSettings, TorchSettings, WeaveSettings,
-    Weld,
+    PassSettings, PathSettings, SeamSettings, StitchSettings, TorchSettings, WeaveSettings, Weld,
 };
 use quantity::{DepthScaleM, Input, Output, PayloadKg, ProgramName, RatioThreshold, TimeS};
 pub use refusal::Error;
@@ -45,25 +44,12 @@ use scan::ScanSettings;
 use touch::TouchSettings;
 use weldpath_files::reading;
 use weldpath_method::input::{CameraPosition, Intrinsics, StatedFrame, Units};
-use weldpath_method::pipeline;
+use weldpath_method::pipeline::{self, Method};
 use weldpath_method::seam::Joint;
 use weldpath_method::weld::recipe::Recipe;
 
 /// Where the tip is assumed for the feasibility check if there is no `[tool]`: straight ahead of the flange, mm.
 pub(crate) const ASSUMED_TCP_MM: f64 = 350.0;
-
-/// How seams are found.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
-#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
-#[serde(rename_all = "kebab-case")]
-#[schemars(rename = "Method")]
-pub enum MethodName {
-    /// The whole pipeline.
-    #[default]
-    Weldpath,
-    /// The paper's eqs. (13)-(17) alone, for comparison.
-    Paper,
-}
 
 /// Everything that decides what a run computes.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -87,7 +73,7 @@ pub struct Job {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub frame: Option<StatedFrame>,
     /// How seams are found.
-    pub method: MethodName,
+    pub method: Method,
     /// Threshold `t` of eq. (16), for the method of the paper.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ratio_threshold: Option<RatioThreshold>,
@@ -144,7 +130,7 @@ pub struct Job {
     /// How all seams of a joint type are welded, over what holds for the whole job.
     #[serde(rename = "joint", skip_serializing_if = "BTreeMap::is_empty")]
     #[schemars(extend("propertyNames" = { "$ref": "#/$defs/Joint" }))]
-    pub joints: BTreeMap<Joint, JointSettings>,
+    pub joints: BTreeMap<Joint, Weld>,
     /// What single seams have of their own.
     #[serde(rename = "seam", skip_serializing_if = "Vec::is_empty")]
     pub seams: Vec<SeamSettings>,
@@ -297,8 +283,8 @@ impl Job {
     pub fn to_toml(&self) -> String {
         let Weld { path, torch, weave, stitch, .. } = self.weld().filled();
         let ratio_threshold = match self.method {
-            MethodName::Paper => Some(self.ratio_threshold.unwrap_or_default()),
-            MethodName::Weldpath => self.ratio_threshold,
+            Method::Paper => Some(self.ratio_threshold.unwrap_or_default()),
+            Method::Weldpath => self.ratio_threshold,
         };
         let formats = Some(self.dialects());
         let job = Self { ratio_threshold, formats, path, torch, weave, stitch, ..self.clone() };
@@ -330,7 +316,7 @@ impl Job {
     /// How passes are welded: with the settings of each seam and each joint type on top of the job's, and with the job's alone.
     pub fn recipes(&self) -> Vec<Recipe> {
         let of_all = self.weld();
-        let of_joints = self.joints.values().map(|joint| joint.weld().on(&of_all));
+        let of_joints = self.joints.values().map(|joint| joint.on(&of_all));
         let below: Vec<Weld> = of_joints.chain([of_all.clone()]).collect();
         // Which joint a seam has, only the scan tells.
         let on = |below: &Weld| self.seams.iter().map(|seam| seam.weld().on(below)).collect::<Vec<_>>();
@@ -340,22 +326,16 @@ impl Job {
 
     /// The settings of the pipeline.
     pub fn pipeline(&self) -> pipeline::Config {
-        let method = match self.method {
-            MethodName::Weldpath => pipeline::Method::Weldpath,
-            MethodName::Paper => {
-                let ratio_threshold = self.ratio_threshold.unwrap_or_default().get();
-                pipeline::Method::Paper { ratio_threshold }
-            }
-        };
         let anchor = Some(self.scan.anchor());
         let calibration = self.scan.calibration.as_ref().map(CalibrationSettings::calibration);
         let exclusion = self.exclude.exclusion();
         let asked = self.asks.iter().map(AskSettings::places_mm).collect();
+        let ratio_threshold = self.ratio_threshold.unwrap_or_default().get();
         let drawn = self.draws.iter().map(DrawSettings::places_mm).collect();
         pipeline::Config {
-            method,
+            method: self.method,
             merge: pipeline::MergeConfig { anchor, calibration, ..Default::default() },
-            search: pipeline::SearchConfig { exclusion, ..Default::default() },
+            search: pipeline::SearchConfig { exclusion, ratio_threshold, ..Default::default() },
             wishes: pipeline::Wishes { asked, drawn, kept_back: Vec::new() },
         }
     }
@@ -435,7 +415,7 @@ impl Job {
 mod tests {
     use super::*;
     use weldpath_method::weld::resampling::Sampling;
-    use weldpath_method::weld::stitching::Stitches;
+    use weldpath_method::weld::stitching::Pattern;
 
     const FULL: &str = r#"
 input = "scan"
@@ -478,7 +458,7 @@ neck_deg = 22
             let job = Job::parse(text, Path::new("job.toml")).unwrap();
             let again = Job::parse(&job.to_toml(), Path::new("job.toml")).unwrap();
             assert_eq!(job.weld().filled(), again.weld().filled());
-            assert_eq!(job.pipeline().method, again.pipeline().method);
+            assert_eq!(job.pipeline().search.ratio_threshold, again.pipeline().search.ratio_threshold);
             assert_eq!(job.program_setup(), again.program_setup());
             assert_eq!(job.selection, again.selection);
             assert_eq!((&job.robot, job.torch_body), (&again.robot, again.torch_body));
@@ -564,15 +544,15 @@ neck_deg = 22
         assert_eq!((root.out_mm, cap.out_mm), (0.0, 3.0));
         assert_eq!([root.work_angle_rad, cap.work_angle_rad], [10f64.to_radians(), 0.0]);
         assert_eq!([root.travel_angle_rad, cap.travel_angle_rad], [-(5f64.to_radians()); 2]);
-        assert_eq!((root.stitch, cap.stitch), (None, Some((9.0, Stitches::Count(4)))));
+        assert_eq!((root.stitch.pattern, cap.stitch.pattern), (Pattern::Continuous, Pattern::Tacks));
+        assert_eq!((cap.stitch.length_mm, cap.stitch.count), (9.0, 4));
         let again = Job::parse(&job.to_toml(), Path::new("job.toml")).unwrap();
         assert_eq!(again.seams, job.seams);
     }
 
     #[test]
     fn a_weave_frequency_is_a_wavelength_at_the_feed() {
-        let weave =
-            |text| Job::parse(text, Path::new("job.toml")).unwrap().weld().passes()[0].0.weave.unwrap();
+        let weave = |text| Job::parse(text, Path::new("job.toml")).unwrap().weld().passes()[0].0.weave;
         let by_frequency = weave("[path]\nfeed_mm_s = 6\n[weave]\nshape = \"sine\"\nfrequency_hz = 2");
         assert_eq!((by_frequency.wavelength_mm, by_frequency.amplitude_mm), (3.0, 2.0));
         let triangle = weave("[weave]\nshape = \"triangle\"\namplitude_mm = 3");

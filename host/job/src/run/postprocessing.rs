@@ -13,14 +13,14 @@ use crate::robot::feasibility::suggestion::Change;
 use crate::run::job::layer::{Direction, Weld};
 use crate::run::job::resume::ResumeSettings;
 use crate::run::job::robot::RobotSettings;
-use crate::run::job::{ASSUMED_TCP_MM, AirMoves, Job, MethodName, Sequence};
+use crate::run::job::{ASSUMED_TCP_MM, AirMoves, Job, Sequence};
 use crate::run::resuming;
 use crate::run::selection;
 use crate::run::selection::select;
 use crate::run::verdict;
 use weldpath_files::File;
 use weldpath_method::geometry::cloud::PointCloud;
-use weldpath_method::pipeline::Plan;
+use weldpath_method::pipeline::{Method, Plan};
 use weldpath_method::seam::Joint;
 use weldpath_method::weld::SeamPath;
 use weldpath_method::weld::air::terrain::{Ball, Terrain};
@@ -250,7 +250,7 @@ pub fn weld(path: &SeamPath, plan: &Plan, job: &Job) -> Result<Weld, selection::
     let found = plan.seams.iter().find(|seam| seam.id == path.seam).map(|seam| seam.joint);
     let joint = stated_joints(plan, job)?.get(&path.seam).copied().or(found);
     if let Some(of_joint) = joint.and_then(|joint| job.joints.get(&joint)) {
-        weld = of_joint.weld().on(&weld);
+        weld = of_joint.on(&weld);
     }
     for own in &job.seams {
         if selection::named(&plan.paths, own)? == Some(path.seam) {
@@ -261,30 +261,25 @@ pub fn weld(path: &SeamPath, plan: &Plan, job: &Job) -> Result<Weld, selection::
 }
 
 fn way(path: &SeamPath, weld: &Weld, job: &Job) -> AllowedDirection {
-    let opposite = |way| match way {
-        AllowedDirection::Free => AllowedDirection::Free,
-        AllowedDirection::Forward => AllowedDirection::Reverse,
-        AllowedDirection::Reverse => AllowedDirection::Forward,
-    };
     match weld.direction() {
         Direction::Free if job.order.sequence == Sequence::Shortest => AllowedDirection::Free,
         Direction::Free => AllowedDirection::Forward,
         Direction::Forward => AllowedDirection::Forward,
         Direction::Reverse => AllowedDirection::Reverse,
         Direction::Up => uphill(path, job.order.up.get()),
-        Direction::Down => opposite(uphill(path, job.order.up.get())),
+        Direction::Down => uphill(path, -job.order.up.get()),
     }
 }
 
 /// The passes of a seam, with the changes that name it.
-fn passes(path: &SeamPath, weld: &Weld, method: MethodName, changes: &[(usize, Change)]) -> Vec<Pass> {
+fn passes(path: &SeamPath, weld: &Weld, method: Method, changes: &[(usize, Change)]) -> Vec<Pass> {
     let own = || changes.iter().filter(|(seam, _)| *seam == path.seam).map(|(_, change)| change);
     let turned = own().filter(|change| change.reverses()).count() % 2 == 1;
     let path = if turned { reverse(path) } else { path.clone() };
     // The paper's edge points come in no order that could be sampled anew.
     let recipe = |recipe: Recipe| match method {
-        MethodName::Paper => Recipe { sampling: None, ..recipe },
-        MethodName::Weldpath => recipe,
+        Method::Paper => Recipe { sampling: None, ..recipe },
+        Method::Weldpath => recipe,
     };
     let changed = |first: Recipe| own().fold(first, |recipe, change| change.on(recipe));
     let pass = |(own, motion)| Pass { path: apply(&path, &recipe(changed(own))), motion };

@@ -5,20 +5,24 @@ use crate::model::base_frame::{Anchor, Calibration};
 use crate::model::{downsampling, normals, reconstruction};
 use crate::seam::extraction::SeamConfig;
 use nalgebra::Point3;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
 /// How seams are found.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
+#[serde(rename_all = "kebab-case")]
 pub enum Method {
-    /// Everything this crate knows.
+    /// The whole pipeline.
     #[default]
     Weldpath,
-    /// Eqs. (1)-(17) as printed where that can be run: views chained, no gate, no classification, edge points ordered as
-    /// they come; for comparison. ARCHITECTURE.md lists the repairs.
-    Paper {
-        /// `t` of eq. (16).
-        ratio_threshold: f64,
-    },
+    // Views chained, no gate, no classification, edge points ordered as they come; ARCHITECTURE.md lists the repairs.
+    /// The paper's eqs. (13)-(17) alone, for comparison.
+    Paper,
 }
+
+/// `t` of eq. (16), where nothing else is said.
+pub const RATIO_THRESHOLD: f64 = 53.0;
 
 /// Settings of all steps, in their order.
 #[derive(Debug, Clone, Default)]
@@ -61,12 +65,21 @@ impl Default for MergeConfig {
 }
 
 /// Where seams are sought, and how.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct SearchConfig {
     /// What is scanned and is no work.
     pub exclusion: Exclusion,
     /// Seams and their refinement.
     pub seam: SeamConfig,
+    /// `t` of eq. (16), for [`Method::Paper`].
+    pub ratio_threshold: f64,
+}
+
+impl Default for SearchConfig {
+    fn default() -> Self {
+        let (exclusion, seam) = Default::default();
+        Self { exclusion, seam, ratio_threshold: RATIO_THRESHOLD }
+    }
 }
 
 /// What a person asks for; places are in the base frame, mm.

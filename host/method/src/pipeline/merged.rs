@@ -1,6 +1,6 @@
 //! Registered views as one cloud.
 
-use super::config::Method;
+use super::config::{Method, SearchConfig};
 use super::exclusion::Scene;
 use super::reconstruction::Reconstruction;
 use super::scale_search::ScaleSearch;
@@ -11,7 +11,6 @@ use crate::model::agreement::{HandEyeError, ViewReport};
 use crate::model::base_frame::{BaseFrame, CameraFinding};
 use crate::model::downsampling::{Scale, VoxelConfig};
 use crate::model::reconstruction::Registration;
-use crate::seam::extraction::SeamConfig;
 
 /// Registered views as one cloud, and what was learned of them.
 pub struct MergedViews {
@@ -51,7 +50,7 @@ impl MergedViews {
         scene: &'a Scene,
         raw: &'a Grid,
         method: Method,
-        config: &'a SeamConfig,
+        config: &'a SearchConfig,
     ) -> ScaleSearch<'a> {
         let (merged, excluded) = (scene.work(&self.cloud), scene.excluded());
         let Self { views, registration, .. } = self;

@@ -83,7 +83,7 @@ impl<'a> Reconstruction<'a> {
 
 /// Whether anything can be said of the base frame.
 fn knows_cameras(views: &[View], method: Method) -> bool {
-    views.iter().all(|view| view.camera_known) && !matches!(method, Method::Paper { .. })
+    views.iter().all(|view| view.camera_known) && method != Method::Paper
 }
 
 /// Where the views that fit are in the base frame, as far as that is known.
@@ -113,7 +113,7 @@ fn registered(
 ) -> Agreement {
     match method {
         Method::Weldpath => agreement::agreeing(views, patches, &config.reconstruction),
-        Method::Paper { .. } => {
+        Method::Paper => {
             Agreement::of_all(reconstruction::chain::register(views, patches, &config.reconstruction))
         }
     }

@@ -1,6 +1,6 @@
 //! Seams sought in voxels of one size, and in larger ones until some show (ours; the paper has one size, typed by hand).
 
-use super::config::{Method, Wishes};
+use super::config::{Method, SearchConfig, Wishes};
 use super::result::{PlanError, no_seam};
 use super::stages::Stages;
 use crate::geometry::cloud::{Merged, PointCloud, View};
@@ -13,7 +13,6 @@ use crate::model::orientation::{self, Orientation};
 use crate::model::reconstruction::Registration;
 use crate::seam::asked::{self, Answer};
 use crate::seam::drawn;
-use crate::seam::extraction::SeamConfig;
 use crate::seam::score::{edges, paper};
 use crate::seam::trace::support;
 use crate::seam::{Cues, Found, INDEX_VOXELS, Input, RawScan, Seam, SurfaceModel, extraction};
@@ -45,7 +44,7 @@ pub(super) struct ScaleSearch<'a> {
     pub raw: &'a Grid,
     pub registration: &'a Registration,
     pub method: Method,
-    pub config: &'a SeamConfig,
+    pub config: &'a SearchConfig,
 }
 
 /// What one size of voxels showed.
@@ -155,7 +154,7 @@ impl ScaleSearch<'_> {
         let mut unmet = Vec::new();
         for places_mm in asked {
             let input = self.input(result);
-            let answer = match asked::find(&input, places_mm, &result.found.seams, self.config) {
+            let answer = match asked::find(&input, places_mm, &result.found.seams, &self.config.seam) {
                 Answer::Found(seam) => {
                     result.sided(*seam).map_or_else(Answer::Nothing, |seam| Answer::Found(seam.into()))
                 }
@@ -205,11 +204,11 @@ impl ScaleSearch<'_> {
                 let cues = Cues { steps: cues.steps || model.table_shown, ..cues };
                 let input = Input { scan, model: model.surface(), scene: model.scene().0, cues };
                 match self.mesh() {
-                    Some((mesh, pose)) => extraction::find_in_mesh(&input, mesh, pose, self.config),
-                    None => extraction::find(&input, self.config),
+                    Some((mesh, pose)) => extraction::find_in_mesh(&input, mesh, pose, &self.config.seam),
+                    None => extraction::find(&input, &self.config.seam),
                 }
             }
-            Method::Paper { ratio_threshold } => paper::find(&model.surface(), ratio_threshold),
+            Method::Paper => paper::find(&model.surface(), self.config.ratio_threshold),
         });
         if let Some(oriented) = &model.oriented {
             found.only_oriented(oriented, &model.surface());

@@ -1,6 +1,6 @@
 //! The seams of a scan that show without asking, and what is said and derived beside them.
 
-use super::config::Method;
+use super::config::{Method, SearchConfig};
 use super::exclusion::Scene;
 use super::merged::MergedViews;
 use super::result::{self, Derivation};
@@ -9,7 +9,6 @@ use super::stages::Times;
 use super::tacks::{self, Ground, Tack};
 use crate::geometry::grid::Grid;
 use crate::seam::Seam;
-use crate::seam::extraction::SeamConfig;
 use crate::seam::measure::coverage::Gap;
 
 /// The seams of a scan that show without asking.
@@ -28,7 +27,7 @@ impl Survey {
         &'a self,
         merged: &'a MergedViews,
         method: Method,
-        config: &'a SeamConfig,
+        config: &'a SearchConfig,
     ) -> ScaleSearch<'a> {
         let search = merged.search(&self.scene, &self.raw, method, config);
         self.ground.as_ref().map_or(search, |ground| ground.in_place_of(&search))

@@ -3,32 +3,39 @@
 //! A corner is a turn of more than 30 degrees at one point, as for the uniform spacing. Both ways out keep the pose at
 //! every other point.
 
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
 use super::resampling::{arc_lengths_mm, keep_signs, runs_between_corners};
 use super::{PathPoint, SeamPath, at, between};
 
-/// What happens at a corner.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// What happens at a corner: a turn of more than 30 degrees at one point.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+#[schemars(rename = "CornerWay")]
 pub enum Cornering {
     /// The controller's own blend.
+    #[default]
     Pass,
-    /// The torch stands exactly at the corner before it goes on.
+    /// The torch stops exactly there.
     Stop,
-    /// An arc of this radius, mm, touches both sides; it uses at most half of the shorter side.
-    BlendMm(f64),
+    /// An arc of `corner_radius_mm`.
+    Blend,
 }
 
 /// Largest distance between an arc and its chords, mm.
 const SAGITTA_MM: f64 = 0.02;
 
-/// Treats every corner between the ends.
-pub fn corner(path: &SeamPath, corner: Cornering) -> SeamPath {
+/// Treats every corner between the ends. A blend is an arc of `radius_mm` that touches both sides; it uses at most half of the
+/// shorter side.
+pub fn corner(path: &SeamPath, corner: Cornering, radius_mm: f64) -> SeamPath {
     if path.points.len() < 3 {
         return path.clone();
     }
     match corner {
         Cornering::Pass => path.clone(),
         Cornering::Stop => stop(path),
-        Cornering::BlendMm(radius_mm) => blend(path, radius_mm),
+        Cornering::Blend => blend(path, radius_mm),
     }
 }
 
@@ -130,7 +137,7 @@ mod tests {
 
     #[test]
     fn a_blended_corner_is_an_arc_that_touches_both_sides() {
-        let round = corner(&bend(), Cornering::BlendMm(4.0));
+        let round = corner(&bend(), Cornering::Blend, 4.0);
         let centre = Point3::new(26.0, 4.0, 0.0);
         for p in &round.points {
             let q = p.position_mm;
@@ -152,14 +159,14 @@ mod tests {
 
     #[test]
     fn the_torch_turns_evenly_along_the_arc() {
-        let round = corner(&bend(), Cornering::BlendMm(4.0));
+        let round = corner(&bend(), Cornering::Blend, 4.0);
         let turns = round.points.windows(2).map(|w| w[0].base_from_torch.angle_to(&w[1].base_from_torch));
         assert!(turns.into_iter().all(|turn| turn < 0.25));
     }
 
     #[test]
     fn a_radius_too_large_uses_half_of_the_shorter_side() {
-        let round = corner(&bend(), Cornering::BlendMm(500.0));
+        let round = corner(&bend(), Cornering::Blend, 500.0);
         let ends = [round.points[0].position_mm, round.points[round.points.len() - 1].position_mm];
         assert_eq!(ends, [Point3::new(0.0, 0.0, 0.0), Point3::new(30.0, 20.0, 0.0)]);
         assert!(round.points.iter().any(|p| (p.position_mm - Point3::new(20.0, 0.0, 0.0)).norm() < 1e-9));
@@ -167,7 +174,7 @@ mod tests {
 
     #[test]
     fn stopping_marks_the_corner_alone() {
-        let stopped = corner(&bend(), Cornering::Stop);
+        let stopped = corner(&bend(), Cornering::Stop, 0.0);
         let stops: Vec<_> = stopped.points.iter().filter(|p| p.process.dwell_s.is_some()).collect();
         assert_eq!(stops.len(), 1);
         assert_eq!(
@@ -178,9 +185,9 @@ mod tests {
 
     #[test]
     fn treating_corners_twice_changes_nothing_more() {
-        for way in [Cornering::Pass, Cornering::Stop, Cornering::BlendMm(4.0)] {
-            let once = corner(&bend(), way);
-            assert_eq!(corner(&once, way).points, once.points);
+        for way in [Cornering::Pass, Cornering::Stop, Cornering::Blend] {
+            let once = corner(&bend(), way, 4.0);
+            assert_eq!(corner(&once, way, 4.0).points, once.points);
         }
     }
 }

@@ -5,12 +5,12 @@ use super::ends::{directions, dwell, extend, lead, reverse};
 use super::offset::offset;
 use super::resampling::{Sampling, resample};
 use super::standoff::standoff;
-use super::stitching::{Stitches, stitch};
+use super::stitching::{Stitching, stitch};
 use super::weave::{Weave, weave};
 use super::{SeamPath, angles};
 
 /// Values of all modifiers. What is 0 or none changes nothing.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Recipe {
     /// Uniform spacing; none leaves the points as they are.
     pub sampling: Option<Sampling>,
@@ -22,12 +22,14 @@ pub struct Recipe {
     pub extend_end_mm: f64,
     /// What happens at corners.
     pub corner: Cornering,
+    /// Radius of the arc in place of a corner, mm.
+    pub corner_radius_mm: f64,
     /// To the right of the direction that the seam has before `reverse`, mm.
     pub across_mm: f64,
     /// Out of the work, mm.
     pub out_mm: f64,
     /// How the tip swings.
-    pub weave: Option<Weave>,
+    pub weave: Weave,
     /// Toward the right of the travel, rad.
     pub work_angle_rad: f64,
     /// Positive pushes, negative drags, rad.
@@ -36,8 +38,8 @@ pub struct Recipe {
     pub turn_rad: f64,
     /// Along the torch axis, mm.
     pub standoff_mm: f64,
-    /// Length of each stitch, mm, and how many.
-    pub stitch: Option<(f64, Stitches)>,
+    /// Which stretches are welded.
+    pub stitch: Stitching,
     /// Standing still where an arc is struck, s.
     pub start_dwell_s: f64,
     /// Standing still where it is put out, s.
@@ -46,30 +48,6 @@ pub struct Recipe {
     pub lead_in_mm: f64,
     /// Beyond the end, arc off, mm.
     pub lead_out_mm: f64,
-}
-
-impl Default for Recipe {
-    fn default() -> Self {
-        Self {
-            sampling: None,
-            reverse: false,
-            extend_start_mm: 0.0,
-            extend_end_mm: 0.0,
-            corner: Cornering::Pass,
-            across_mm: 0.0,
-            out_mm: 0.0,
-            weave: None,
-            work_angle_rad: 0.0,
-            travel_angle_rad: 0.0,
-            turn_rad: 0.0,
-            standoff_mm: 0.0,
-            stitch: None,
-            start_dwell_s: 0.0,
-            end_dwell_s: 0.0,
-            lead_in_mm: 0.0,
-            lead_out_mm: 0.0,
-        }
-    }
 }
 
 /// The path of one pass. Empty if shortening leaves nothing.
@@ -100,16 +78,16 @@ pub fn apply(path: &SeamPath, recipe: &Recipe) -> SeamPath {
     let path = if recipe.reverse { reverse(path) } else { path.clone() };
     let path = extend(&path, recipe.extend_start_mm, recipe.extend_end_mm);
     let path = recipe.sampling.map_or_else(|| path.clone(), |sampling| resample(&path, sampling));
-    let path = corner(&path, recipe.corner);
+    let path = corner(&path, recipe.corner, recipe.corner_radius_mm);
     let across_mm = if recipe.reverse { -recipe.across_mm } else { recipe.across_mm };
     let path = offset(path, across_mm, recipe.out_mm);
     let ends = directions(&path);
-    let path = recipe.weave.map_or_else(|| path.clone(), |w| weave(&path, &w));
+    let path = weave(&path, &recipe.weave);
     let path = angles::work_angle(path, recipe.work_angle_rad);
     let path = angles::travel_angle(path, recipe.travel_angle_rad);
     let path = angles::turn(path, recipe.turn_rad);
     let path = standoff(path, recipe.standoff_mm);
-    let path = recipe.stitch.map_or_else(|| path.clone(), |(mm, stitches)| stitch(&path, mm, stitches));
+    let path = stitch(&path, &recipe.stitch);
     let path = dwell(path, recipe.start_dwell_s, recipe.end_dwell_s);
     ends.map_or_else(|| path.clone(), |ends| lead(&path, &ends, recipe.lead_in_mm, recipe.lead_out_mm))
 }
@@ -149,7 +127,7 @@ mod tests {
             dwell_left_s: 0.0,
             dwell_right_s: 0.0,
         };
-        let recipe = Recipe { weave: Some(weave), lead_in_mm: 9.0, lead_out_mm: 5.0, ..Recipe::default() };
+        let recipe = Recipe { weave, lead_in_mm: 9.0, lead_out_mm: 5.0, ..Recipe::default() };
         let points = apply(&line(), &recipe).points;
         let ends = [points[0].position_mm, points[points.len() - 1].position_mm];
         assert!((ends[0] - Point3::new(-9.0, 0.0, 0.0)).norm() < 1e-9, "{ends:?}");

@@ -1,22 +1,46 @@
 //! Stitches and tacks (ours): only stretches of a path are welded, the torch is lifted over the rest.
 
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
 use super::{PathPoint, Process, SeamPath, at};
 
-/// Which stretches are welded.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Stitches {
-    /// From the centre of a stitch to the centre of the next, nearest to this, mm.
-    PitchMm(f64),
-    /// So many, evenly spaced: tacks.
-    Count(usize),
+/// Which stretches of a seam are welded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
+#[serde(rename_all = "kebab-case")]
+pub enum Pattern {
+    /// All of it.
+    #[default]
+    Continuous,
+    /// Stretches of `length_mm`, one every `pitch_mm`.
+    Stitches,
+    /// `count` stretches of `length_mm`, evenly spaced.
+    Tacks,
 }
 
-/// Welds stretches of `length_mm` each. On an open path the first begins at its start and the last ends at its end, as
+/// Which stretches are welded, and how long they are.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Stitching {
+    /// Which.
+    pub pattern: Pattern,
+    /// Length of each, mm.
+    pub length_mm: f64,
+    /// Of [`Pattern::Stitches`], from the centre of one to the centre of the next, nearest to this, mm.
+    pub pitch_mm: f64,
+    /// How many [`Pattern::Tacks`].
+    pub count: usize,
+}
+
+/// Welds stretches of the same length. On an open path the first begins at its start and the last ends at its end, as
 /// an intermittent weld should; a single one lies in the middle. On a closed path they are spaced evenly all round. A
 /// path no longer than a stitch is welded whole.
-pub fn stitch(path: &SeamPath, length_mm: f64, stitches: Stitches) -> SeamPath {
-    let [first, .., last] = path.points.as_slice() else { return path.clone() };
-    let stretches = stretches(first.s_mm, last.s_mm, path.is_closed(), length_mm, stitches);
+pub fn stitch(path: &SeamPath, stitching: &Stitching) -> SeamPath {
+    let ([first, .., last], Pattern::Stitches | Pattern::Tacks) = (path.points.as_slice(), stitching.pattern)
+    else {
+        return path.clone();
+    };
+    let stretches = stretches(first.s_mm, last.s_mm, path.is_closed(), stitching);
     let breaks = stretches.iter().flatten().copied();
     let mut points = with_points_at(&path.points, breaks);
     for point in &mut points {
@@ -30,16 +54,18 @@ pub fn stitch(path: &SeamPath, length_mm: f64, stitches: Stitches) -> SeamPath {
 const SAME_MM: f64 = 1e-6;
 
 /// From where to where each stitch goes, mm, in the order of the path; they never touch.
-fn stretches(from_mm: f64, to_mm: f64, closed: bool, length_mm: f64, stitches: Stitches) -> Vec<[f64; 2]> {
+fn stretches(from_mm: f64, to_mm: f64, closed: bool, stitching: &Stitching) -> Vec<[f64; 2]> {
+    let Stitching { pattern, length_mm, pitch_mm: asked_mm, count } = *stitching;
     let whole_mm = to_mm - from_mm;
     let room_mm = if closed { whole_mm } else { whole_mm - length_mm };
-    let gaps = match stitches {
-        Stitches::PitchMm(pitch_mm) => (room_mm / pitch_mm).round(),
-        Stitches::Count(count) => count as f64 - if closed { 0.0 } else { 1.0 },
+    let gaps = match pattern {
+        Pattern::Continuous => return vec![[from_mm, to_mm]],
+        Pattern::Stitches => (room_mm / asked_mm).round(),
+        Pattern::Tacks => count as f64 - if closed { 0.0 } else { 1.0 },
     };
     let gaps = gaps.max(if closed { 1.0 } else { 0.0 });
     let pitch_mm = room_mm / gaps.max(1.0);
-    let touching = matches!(stitches, Stitches::PitchMm(asked_mm) if asked_mm <= length_mm);
+    let touching = pattern == Pattern::Stitches && asked_mm <= length_mm;
     if touching || length_mm >= whole_mm || gaps > 0.0 && pitch_mm <= length_mm {
         return vec![[from_mm, to_mm]];
     }
@@ -82,6 +108,14 @@ mod tests {
         SeamPath { seam: 1, points: (0..=count).map(at).collect() }
     }
 
+    fn stitches(length_mm: f64, pitch_mm: f64) -> Stitching {
+        Stitching { pattern: Pattern::Stitches, length_mm, pitch_mm, count: 0 }
+    }
+
+    fn tacks(length_mm: f64, count: usize) -> Stitching {
+        Stitching { pattern: Pattern::Tacks, length_mm, pitch_mm: 0.0, count }
+    }
+
     /// From where to where the arc burns.
     fn welded(path: &SeamPath) -> Vec<[f64; 2]> {
         path.points
@@ -93,7 +127,7 @@ mod tests {
     #[test]
     fn stitches_have_their_length_and_both_ends_are_welded() {
         // 203 mm hold four gaps of 45.75 mm, the nearest to 45.
-        let runs = welded(&stitch(&line(203.0), 20.0, Stitches::PitchMm(45.0)));
+        let runs = welded(&stitch(&line(203.0), &stitches(20.0, 45.0)));
         assert_eq!(runs.len(), 5);
         for (k, [a, b]) in runs.iter().enumerate() {
             assert!((b - a - 20.0).abs() < 1e-9, "stitch {k}");
@@ -104,20 +138,18 @@ mod tests {
     #[test]
     fn tacks_are_as_many_as_asked_for() {
         for count in [1, 2, 3, 7] {
-            let runs = welded(&stitch(&line(120.0), 6.0, Stitches::Count(count)));
+            let runs = welded(&stitch(&line(120.0), &tacks(6.0, count)));
             assert_eq!(runs.len(), count);
             let total: f64 = runs.iter().map(|[a, b]| b - a).sum();
             assert!((total - 6.0 * count as f64).abs() < 1e-9);
         }
-        assert_eq!(welded(&stitch(&line(120.0), 6.0, Stitches::Count(1))), [[57.0, 63.0]]);
+        assert_eq!(welded(&stitch(&line(120.0), &tacks(6.0, 1))), [[57.0, 63.0]]);
     }
 
     #[test]
     fn stitches_that_would_touch_are_one_weld() {
-        for (length_mm, stitches) in
-            [(50.0, Stitches::PitchMm(50.0)), (150.0, Stitches::PitchMm(200.0)), (30.0, Stitches::Count(9))]
-        {
-            assert_eq!(welded(&stitch(&line(120.0), length_mm, stitches)), [[0.0, 120.0]]);
+        for stitching in [stitches(50.0, 50.0), stitches(150.0, 200.0), tacks(30.0, 9)] {
+            assert_eq!(welded(&stitch(&line(120.0), &stitching)), [[0.0, 120.0]]);
         }
     }
 
@@ -133,7 +165,7 @@ mod tests {
             }
         };
         let ring = SeamPath { seam: 1, points: (0..=180).map(at).collect() };
-        let stitched = stitch(&ring, 10.0, Stitches::Count(4));
+        let stitched = stitch(&ring, &tacks(10.0, 4));
         let middles: Vec<f64> = stitched
             .points
             .split(|p| !p.process.weld)
@@ -147,7 +179,7 @@ mod tests {
 
     #[test]
     fn stitching_twice_changes_nothing_more() {
-        let once = stitch(&line(203.0), 20.0, Stitches::PitchMm(45.0));
-        assert_eq!(stitch(&once, 20.0, Stitches::PitchMm(45.0)).points, once.points);
+        let once = stitch(&line(203.0), &stitches(20.0, 45.0));
+        assert_eq!(stitch(&once, &stitches(20.0, 45.0)).points, once.points);
     }
 }

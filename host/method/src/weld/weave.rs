@@ -7,24 +7,33 @@
 
 use std::f64::consts::TAU;
 
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
 use super::resampling::{keep_signs, runs_between_corners, without_repeats};
 use super::{PathPoint, Process, SeamPath, at};
 
 /// How the tip swings.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
+#[serde(rename_all = "kebab-case")]
+#[schemars(rename = "WeaveShape")]
 pub enum Shape {
+    /// Not at all.
+    #[default]
+    None,
     /// Across as a sine of the way.
     Sine,
     /// Straight from side to side.
     Zigzag,
-    /// From the line to the left, to the right, and back to the line; both sides are raised out of the work.
+    /// From the line to the left, to the right, and back; both sides raised out of the work by `height_mm`.
     Triangle,
-    /// Round in circles: across and along.
+    /// Round in circles.
     Circle,
 }
 
 /// A weave.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Weave {
     /// How the tip swings.
     pub shape: Shape,
@@ -54,6 +63,9 @@ struct Swing {
 
 /// The path with the weave on it. Orientations are those of the line; `s_mm` is the travel along it.
 pub fn weave(path: &SeamPath, weave: &Weave) -> SeamPath {
+    if weave.shape == Shape::None {
+        return path.clone();
+    }
     let line = without_repeats(&path.points);
     if line.len() < 2 {
         return path.with(line);
@@ -87,6 +99,7 @@ fn swings(weave: &Weave) -> Vec<Swing> {
     let corner =
         |phase, across_mm, dwell_s| Swing { phase, along_mm: 0.0, across_mm, out_mm: height_mm, dwell_s };
     match weave.shape {
+        Shape::None => Vec::new(),
         Shape::Sine => round(16).map(|phase| flat(phase, 0.0, -amplitude_mm * (TAU * phase).sin())).collect(),
         Shape::Zigzag => vec![flat(0.25, 0.0, -amplitude_mm), flat(0.75, 0.0, amplitude_mm)],
         Shape::Triangle => vec![

@@ -15,7 +15,7 @@ use weldpath_method::weld::cornering::Cornering;
 use weldpath_method::weld::program::Motion;
 use weldpath_method::weld::recipe::Recipe;
 use weldpath_method::weld::resampling::Sampling;
-use weldpath_method::weld::stitching::Stitches;
+use weldpath_method::weld::stitching::{Pattern, Stitching};
 use weldpath_method::weld::weave::{Shape, Weave};
 
 /// Spacing of the waypoints when nothing else is said, mm.
@@ -78,51 +78,6 @@ pub enum Direction {
     Down,
 }
 
-/// What happens at a corner: a turn of more than 30 degrees at one point.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum CornerWay {
-    /// The controller's own blend.
-    #[default]
-    Pass,
-    /// The torch stops exactly there.
-    Stop,
-    /// An arc of `corner_radius_mm`.
-    Blend,
-}
-
-/// How the tip swings.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
-#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
-#[serde(rename_all = "kebab-case")]
-pub enum WeaveShape {
-    /// Not at all.
-    #[default]
-    None,
-    /// Across as a sine of the way.
-    Sine,
-    /// Straight from side to side.
-    Zigzag,
-    /// From the line to the left, to the right, and back; both sides raised out of the work by `height_mm`.
-    Triangle,
-    /// Round in circles.
-    Circle,
-}
-
-/// Which stretches of a seam are welded.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
-#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
-#[serde(rename_all = "kebab-case")]
-pub enum Pattern {
-    /// All of it.
-    #[default]
-    Continuous,
-    /// Stretches of `length_mm`, one every `pitch_mm`.
-    Stitches,
-    /// `count` stretches of `length_mm`, evenly spaced.
-    Tacks,
-}
-
 layer! {
     /// `[path]`: how the torch moves along a seam.
     PathSettings of "path" {
@@ -145,7 +100,7 @@ layer! {
         /// Standing still with the arc on where it is put out, beside `arc.crater_s`.
         end_dwell_s: TimeS<0>,
         /// What happens at corners.
-        corner: CornerWay,
+        corner: Cornering,
         /// Radius of the arc in place of a corner.
         corner_radius_mm: CornerRadiusMm,
         /// Distance of the approach from the seam along the torch axis.
@@ -184,7 +139,7 @@ layer! {
     /// `[weave]`: how the tip swings about the seam.
     WeaveSettings of "weave" {
         /// How it swings.
-        shape: WeaveShape,
+        shape: Shape,
         /// From the seam to the farthest place on either side.
         amplitude_mm: AmplitudeMm,
         /// Standing still at the left of the travel.
@@ -239,10 +194,12 @@ pub struct PassSettings {
     pub stitch: StitchSettings,
 }
 
+// Of the whole job and of one seam it says the same: everything about how they are welded, in layers.
 /// `[joint.TYPE]`: how all seams of one joint type are welded.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
-pub struct JointSettings {
+#[schemars(rename = "JointSettings")]
+pub struct Weld {
     /// Over the job's.
     #[serde(skip_serializing_if = "PathSettings::is_empty")]
     pub path: PathSettings,
@@ -258,14 +215,6 @@ pub struct JointSettings {
     /// In place of the job's, if there are any.
     #[serde(rename = "pass", skip_serializing_if = "Vec::is_empty")]
     pub passes: Vec<PassSettings>,
-}
-
-impl JointSettings {
-    /// The layer alone.
-    pub fn weld(&self) -> Weld {
-        let (path, torch, weave, stitch) = (self.path, self.torch, self.weave, self.stitch);
-        Weld { path, torch, weave, stitch, passes: self.passes.clone() }
-    }
 }
 
 /// `[[seam]]`: what one seam has of its own.
@@ -331,21 +280,6 @@ impl SeamSettings {
         let (path, torch, weave, stitch) = (self.path, self.torch, self.weave, self.stitch);
         Weld { path, torch, weave, stitch, passes: self.passes.clone() }
     }
-}
-
-/// Everything about how a seam is welded.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct Weld {
-    /// How the torch moves.
-    pub path: PathSettings,
-    /// How it leans.
-    pub torch: TorchSettings,
-    /// How the tip swings.
-    pub weave: WeaveSettings,
-    /// Which stretches are welded.
-    pub stitch: StitchSettings,
-    /// Runs along the seam; none is one on its line.
-    pub passes: Vec<PassSettings>,
 }
 
 /// The table in which a key belongs.
@@ -445,22 +379,18 @@ impl Weld {
 
     fn recipe(&self) -> Recipe {
         let (path, torch) = (&self.path, &self.torch);
-        let corner = match path.corner.unwrap_or_default() {
-            CornerWay::Pass => Cornering::Pass,
-            CornerWay::Stop => Cornering::Stop,
-            CornerWay::Blend => Cornering::BlendMm(path.corner_radius_mm.unwrap_or_default().get()),
-        };
         Recipe {
             sampling: Some(self.sampling()),
             extend_start_mm: path.extend_start_mm.unwrap_or_default().get(),
             extend_end_mm: path.extend_end_mm.unwrap_or_default().get(),
-            corner,
+            corner: path.corner.unwrap_or_default(),
+            corner_radius_mm: path.corner_radius_mm.unwrap_or_default().get(),
             weave: self.weave(),
             work_angle_rad: torch.work_angle_deg.unwrap_or_default().get().to_radians(),
             travel_angle_rad: torch.travel_angle_deg.unwrap_or_default().get().to_radians(),
             turn_rad: torch.turn_deg.unwrap_or_default().get().to_radians(),
             standoff_mm: path.standoff_mm.unwrap_or_default().get(),
-            stitch: self.stitches(),
+            stitch: self.stitching(),
             start_dwell_s: path.start_dwell_s.unwrap_or_default().get(),
             end_dwell_s: path.end_dwell_s.unwrap_or_default().get(),
             lead_in_mm: path.lead_in_mm.unwrap_or_default().get(),
@@ -469,37 +399,30 @@ impl Weld {
         }
     }
 
-    fn weave(&self) -> Option<Weave> {
+    fn weave(&self) -> Weave {
         let weave = &self.weave;
-        let shape = match weave.shape.unwrap_or_default() {
-            WeaveShape::None => return None,
-            WeaveShape::Sine => Shape::Sine,
-            WeaveShape::Zigzag => Shape::Zigzag,
-            WeaveShape::Triangle => Shape::Triangle,
-            WeaveShape::Circle => Shape::Circle,
-        };
         let amplitude_mm = weave.amplitude_mm.unwrap_or_default().get();
         let wavelength_mm = match weave.frequency_hz {
             Some(frequency_hz) => self.motion().feed_mm_s / frequency_hz.get(),
             None => weave.wavelength_mm.map_or(DEFAULT_WAVELENGTH_MM, WavelengthMm::get),
         };
-        Some(Weave {
-            shape,
+        Weave {
+            shape: weave.shape.unwrap_or_default(),
             amplitude_mm,
             wavelength_mm,
             height_mm: weave.height_mm.map_or(amplitude_mm, HeightMm::get),
             dwell_left_s: weave.dwell_left_s.unwrap_or_default().get(),
             dwell_right_s: weave.dwell_right_s.unwrap_or_default().get(),
-        })
+        }
     }
 
-    fn stitches(&self) -> Option<(f64, Stitches)> {
+    fn stitching(&self) -> Stitching {
         let stitch = &self.stitch;
-        let stitches = match stitch.pattern.unwrap_or_default() {
-            Pattern::Continuous => return None,
-            Pattern::Stitches => Stitches::PitchMm(stitch.pitch_mm.unwrap_or_default().get()),
-            Pattern::Tacks => Stitches::Count(stitch.count.unwrap_or_default().get() as usize),
-        };
-        Some((stitch.length_mm.unwrap_or_default().get(), stitches))
+        Stitching {
+            pattern: stitch.pattern.unwrap_or_default(),
+            length_mm: stitch.length_mm.unwrap_or_default().get(),
+            pitch_mm: stitch.pitch_mm.unwrap_or_default().get(),
+            count: stitch.count.unwrap_or_default().get() as usize,
+        }
     }
 }

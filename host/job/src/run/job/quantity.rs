@@ -39,14 +39,14 @@ fn number(text: &str) -> Result<f64, String> {
 }
 
 macro_rules! quantity {
-    ($(#[$doc:meta])* $name:ident, $least:literal to $most:literal $unit:literal $(, default $default:literal)?) => {
+    ($(#[$doc:meta])* $name:ident, $least:literal to $most:literal $unit:literal $(, default $default:expr)?) => {
         quantity!(@ $(#[$doc])* $name, f64, $least, $most, $unit, false $(, $default)?);
     };
-    ($(#[$doc:meta])* $name:ident, whole $least:literal to $most:literal $(, default $default:literal)?) => {
+    ($(#[$doc:meta])* $name:ident, whole $least:literal to $most:literal $(, default $default:expr)?) => {
         quantity!(@ $(#[$doc])* $name, u32, $least, $most, "", true $(, $default)?);
     };
     (@ $(#[$doc:meta])* $name:ident, $number:ident, $least:literal, $most:literal, $unit:literal, $whole:literal
-        $(, $default:literal)?) => {
+        $(, $default:expr)?) => {
         $(#[$doc])*
         #[doc = concat!("\n\n", stringify!($least), " to ", stringify!($most), $unit, ".")]
         #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -150,7 +150,7 @@ quantity!(/// Distance of approach and retract from the seam.
 quantity!(/// Height of air moves over the model.
     ClearanceMm, 1 to 1000 " mm", default 50);
 quantity!(/// Threshold `t` of eq. (16); at 27, the least value of the ratio, everything would be an edge.
-    RatioThreshold, 27.000001 to 1000000 "", default 53);
+    RatioThreshold, 27.000001 to 1000000 "", default weldpath_method::pipeline::RATIO_THRESHOLD);
 quantity!(/// Standard digital output of the controller.
     Output, whole 0 to 7, default 0);
 quantity!(/// Standard digital input of the controller.

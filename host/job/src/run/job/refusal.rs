@@ -2,9 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
+use super::Job;
 use super::layer::{self, Weld};
 use super::robot::RobotSettings;
-use super::{Job, MethodName};
+use weldpath_method::pipeline::Method;
 
 /// Why a job file is refused.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -63,7 +64,7 @@ pub(super) const CALIBRATION_HINT: &str = "`weldpath calibrate` writes one; docs
 
 /// The key that the method does not go with, why, and what to do.
 fn against_method(job: &Job) -> Option<(&'static str, &'static str, &'static str)> {
-    let by_paper = job.method == MethodName::Paper;
+    let by_paper = job.method == Method::Paper;
     let faults = [
         (
             job.ratio_threshold.is_some() && !by_paper,
@@ -159,7 +160,7 @@ fn is_id(line: &str, id: usize) -> bool {
 
 /// What the whole job, the joint types and the seams say of how they are welded, each for itself.
 fn layers(job: &Job) -> Vec<Weld> {
-    let of_joints = job.joints.values().map(layer::JointSettings::weld);
+    let of_joints = job.joints.values().cloned();
     let of_seams = job.seams.iter().map(layer::SeamSettings::weld);
     std::iter::once(job.weld()).chain(of_joints).chain(of_seams).collect()
 }
