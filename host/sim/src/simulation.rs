@@ -10,6 +10,7 @@ mod capture;
 mod facet;
 mod files;
 mod mesh;
+mod named;
 mod noise;
 mod placement;
 mod random;

@@ -6,7 +6,8 @@
 use std::collections::BTreeSet;
 
 use nalgebra::Point3;
-use serde::Deserialize;
+use serde::de::Error;
+use serde::{Deserialize, Deserializer};
 use serde_json::Value;
 
 use weldpath_job::output::verdict::ReasonId;
@@ -45,27 +46,57 @@ const OF_SEAM: [&str; 5] = ["joint", "path", "torch", "weave", "stitch"];
 const PASSES: &str = "pass";
 
 /// One click.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Edit {
+    /// Of what decides which seams there are.
+    Search(SearchEdit),
+    /// Of what is made of them.
+    Seams(SeamEdit),
+}
+
+/// What decides which seams there are; it holds with the next plan.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(tag = "edit", rename_all = "kebab-case", deny_unknown_fields)]
-pub(super) enum Edit {
+pub(super) enum SearchEdit {
+    /// A seam that the search passed over is asked for.
+    Ask(AskSettings),
+    /// One of the asked seams is asked for no longer, by its place in the job's list.
+    Unask { at: usize },
+    /// A line on the surface is drawn, which nothing has to bear out.
+    Draw(DrawSettings),
+    /// One of the drawn lines is taken back, by its place in the job's list.
+    Undraw { at: usize },
+    /// Something is no work, was named otherwise before, or is work again.
+    Exclude { was: Option<NoWork>, now: Option<NoWork> },
+}
+
+/// How [`SearchEdit`]s are named; any other name is a [`SeamEdit`]'s, or none.
+const OF_SEARCH: [&str; 5] = ["ask", "unask", "draw", "undraw", "exclude"];
+
+/// What is made of the seams that there are.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(tag = "edit", rename_all = "kebab-case", deny_unknown_fields)]
+pub(super) enum SeamEdit {
     /// A setting of the whole job, or of one seam; null takes it back to what holds without it.
     Set { seam: Option<usize>, key: String, value: Value },
     /// Whether a seam is welded.
     Weld { seam: usize, on: bool },
     /// In which order the seams are welded, by their ids.
     Order { seams: Vec<usize> },
-    /// A seam that the search passed over is asked for; it is looked for with the next plan.
-    Ask(AskSettings),
-    /// One of the asked seams is asked for no longer, by its place in the job's list.
-    Unask { at: usize },
-    /// A line on the surface is drawn, which nothing has to bear out; it is laid onto the scan with the next plan.
-    Draw(DrawSettings),
-    /// One of the drawn lines is taken back, by its place in the job's list.
-    Undraw { at: usize },
-    /// Something is no work, was named otherwise before, or is work again; it holds with the next plan.
-    Exclude { was: Option<NoWork>, now: Option<NoWork> },
     /// Whether a reason of the verdict is confirmed.
     Accept { reason: ReasonId, on: bool },
+}
+
+impl<'de> Deserialize<'de> for Edit {
+    fn deserialize<D: Deserializer<'de>>(click: D) -> Result<Self, D::Error> {
+        let click = Value::deserialize(click)?;
+        let name = click.get("edit").and_then(Value::as_str).unwrap_or_default();
+        let edit = match OF_SEARCH.contains(&name) {
+            true => SearchEdit::deserialize(click).map(Self::Search),
+            false => SeamEdit::deserialize(click).map(Self::Seams),
+        };
+        edit.map_err(D::Error::custom)
+    }
 }
 
 /// What is scanned and is no work: one entry of `[exclude]`.
@@ -79,21 +110,9 @@ pub(super) enum NoWork {
 impl Edit {
     /// In a few words, for undo and redo.
     pub(super) fn words(&self) -> String {
-        let of = |seam: &Option<usize>| seam.map(|id| format!(" of seam {id}")).unwrap_or_default();
         match self {
-            Self::Set { seam, key, .. } => format!("{key}{}", of(seam)),
-            Self::Weld { seam, on: true } => format!("weld seam {seam}"),
-            Self::Weld { seam, on: false } => format!("leave out seam {seam}"),
-            Self::Order { .. } => "order of the seams".into(),
-            Self::Ask(_) => "add a seam".into(),
-            Self::Unask { at } => format!("no longer ask for seam {} of those that were added", at + 1),
-            Self::Draw(_) => "draw a seam".into(),
-            Self::Undraw { at } => format!("take back drawn seam {}", at + 1),
-            Self::Exclude { was: None, .. } => "exclude a part of the scan".into(),
-            Self::Exclude { now: None, .. } => "no longer exclude a part of the scan".into(),
-            Self::Exclude { .. } => "what is excluded of the scan".into(),
-            Self::Accept { reason, on: true } => format!("accept {}", reason.name()),
-            Self::Accept { reason, on: false } => format!("no longer accept {}", reason.name()),
+            Self::Search(edit) => edit.words(),
+            Self::Seams(edit) => edit.words(),
         }
     }
 
@@ -102,38 +121,62 @@ impl Edit {
     /// # Errors
     /// In words, if it makes no job that could be planned.
     pub(super) fn on(&self, job: &Job, plan: Option<&Plan>) -> Result<Job, String> {
-        match (self, plan) {
-            (
-                Self::Ask(_)
-                | Self::Unask { .. }
-                | Self::Draw(_)
-                | Self::Undraw { .. }
-                | Self::Exclude { .. },
-                _,
-            ) => self.on_search(job),
-            (_, Some(plan)) => self.on_seams(job, plan),
-            (_, None) => Err("nothing is planned yet that could be edited".into()),
+        match self {
+            Self::Search(edit) => edit.on(job),
+            Self::Seams(edit) => edit.on(job, plan.ok_or("nothing is planned yet that could be edited")?),
+        }
+    }
+}
+
+impl SearchEdit {
+    fn words(&self) -> String {
+        match self {
+            Self::Ask(_) => "add a seam".into(),
+            Self::Unask { at } => format!("no longer ask for seam {} of those that were added", at + 1),
+            Self::Draw(_) => "draw a seam".into(),
+            Self::Undraw { at } => format!("take back drawn seam {}", at + 1),
+            Self::Exclude { was: None, .. } => "exclude a part of the scan".into(),
+            Self::Exclude { now: None, .. } => "no longer exclude a part of the scan".into(),
+            Self::Exclude { .. } => "what is excluded of the scan".into(),
         }
     }
 
-    /// What decides which seams there are.
-    fn on_search(&self, job: &Job) -> Result<Job, String> {
+    fn on(&self, job: &Job) -> Result<Job, String> {
         let mut edited = job.clone();
         match self {
             Self::Ask(ask) => edited.asks.push(ask.clone()),
-            Self::Unask { at } if *at < edited.asks.len() => drop(edited.asks.remove(*at)),
+            Self::Unask { at } => take_back(&mut edited.asks, *at, "that seam is not asked for")?,
             Self::Draw(draw) => edited.draws.push(draw.clone()),
-            Self::Undraw { at } if *at < edited.draws.len() => drop(edited.draws.remove(*at)),
+            Self::Undraw { at } => take_back(&mut edited.draws, *at, "that seam is not drawn")?,
             Self::Exclude { was, now } => exclude(&mut edited.exclude, *was, *now)?,
-            Self::Undraw { .. } => return Err("that seam is not drawn".into()),
-            _ => return Err("that seam is not asked for".into()),
         }
         edited.check().map_err(|error| error.why())?;
         Ok(edited)
     }
+}
 
-    /// What is made of the seams that there are.
-    fn on_seams(&self, job: &Job, plan: &Plan) -> Result<Job, String> {
+fn take_back<T>(list: &mut Vec<T>, at: usize, why_not: &str) -> Result<(), String> {
+    if at >= list.len() {
+        return Err(why_not.into());
+    }
+    list.remove(at);
+    Ok(())
+}
+
+impl SeamEdit {
+    fn words(&self) -> String {
+        match self {
+            Self::Set { seam: Some(id), key, .. } => format!("{key} of seam {id}"),
+            Self::Set { seam: None, key, .. } => key.clone(),
+            Self::Weld { seam, on: true } => format!("weld seam {seam}"),
+            Self::Weld { seam, on: false } => format!("leave out seam {seam}"),
+            Self::Order { .. } => "order of the seams".into(),
+            Self::Accept { reason, on: true } => format!("accept {}", reason.name()),
+            Self::Accept { reason, on: false } => format!("no longer accept {}", reason.name()),
+        }
+    }
+
+    fn on(&self, job: &Job, plan: &Plan) -> Result<Job, String> {
         let mut edited = job.clone();
         match self {
             Self::Set { seam: None, key, value } => {
@@ -150,11 +193,6 @@ impl Edit {
                 edited.accept.extend(on.then_some(*reason));
                 edited.accept.sort_unstable();
             }
-            Self::Ask(_)
-            | Self::Unask { .. }
-            | Self::Draw(_)
-            | Self::Undraw { .. }
-            | Self::Exclude { .. } => return self.on_search(job),
         }
         if edited.order.sequence != Sequence::Listed {
             edited.seams.retain(says_something);

@@ -5,24 +5,28 @@
 //! silhouettes, disparity steps, dropouts (single, grazing, small holes), outliers, range.
 
 use super::camera::{Camera, DepthImage, RANGE_MM, Seen};
+use super::named::named;
 use super::random::Stream;
 use super::rotation::sin_cos_deg;
 use super::sensor::SensorErrors;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// How noisy the camera is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Noise {
-    /// Exact depth, rounded to counts; exact poses. For tests.
-    None,
-    /// 0.20 mm at 350 mm.
-    Low,
-    /// 0.35 mm at 350 mm.
-    Mid,
-    /// 0.50 mm at 350 mm.
-    High,
+named! {
+    "noise":
+    /// How noisy the camera is.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+    #[serde(rename_all = "kebab-case")]
+    pub enum Noise {
+        /// Exact depth, rounded to counts; exact poses. For tests.
+        None = "none",
+        /// 0.20 mm at 350 mm.
+        Low = "low",
+        /// 0.35 mm at 350 mm.
+        Mid = "mid",
+        /// 0.50 mm at 350 mm.
+        High = "high",
+    }
 }
 
 /// What a camera adds to what there is to see.

@@ -1,76 +1,85 @@
 //! What can be asked of the simulator, and what is wrong with a request.
 
+use super::named::named;
 use super::noise::Noise;
-use super::sensor::{Sensor, SensorErrors};
+use super::sensor::SensorErrors;
 use serde::{Deserialize, Serialize};
-use std::str::FromStr;
 
-/// The workpieces.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Part {
-    /// T joint, 300 mm; its web may lean.
-    Fillet,
-    /// Plate on plate, 300 mm.
-    Lap,
-    /// Disc on plate: a closed lap joint.
-    RoundLap,
-    /// Boss, a low cylinder, on a plate: one closed seam.
-    Boss,
-    /// Outside corner of two plates, 250 mm.
-    Corner,
-    /// Pipe on plate.
-    Pipe,
-    /// Square tube with round corners on a plate: one closed seam.
-    SquareTube,
-    /// Pipe bend whose straight leg stands on a plate: one closed seam.
-    Elbow,
-    /// V groove between two plates, 500 mm.
-    ButtV,
-    /// Half-V groove, 500 mm: one plate bevelled, the other square.
-    HalfV,
-    /// Branch pipe on a main pipe; it may lean.
-    Saddle,
-    /// Three webs at 120 degrees on a plate: six seams in two pockets.
-    Branch,
-    /// Block and rib on a plate.
-    Tacked,
-    /// V groove along an S with a crown.
-    Scurve,
-    /// Two webs that cross, on a plate: twelve seams in four pockets.
-    Cruciform,
-    /// T joint, boss and square tube apart from each other on the table.
-    Several,
-    /// T joint held by its plate between the jaws of a vise, whose contacts are no seams.
-    Vise,
-    /// A plate with two holes: nothing to weld.
-    Plate,
-    /// A block on the table: nothing to weld.
-    Box,
+named! {
+    "part":
+    /// The workpieces.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+    #[serde(rename_all = "kebab-case")]
+    pub enum Part {
+        /// T joint, 300 mm; its web may lean.
+        Fillet = "fillet",
+        /// Plate on plate, 300 mm.
+        Lap = "lap",
+        /// Disc on plate: a closed lap joint.
+        RoundLap = "round-lap",
+        /// Boss, a low cylinder, on a plate: one closed seam.
+        Boss = "boss",
+        /// Outside corner of two plates, 250 mm.
+        Corner = "corner",
+        /// Pipe on plate.
+        Pipe = "pipe",
+        /// Square tube with round corners on a plate: one closed seam.
+        SquareTube = "square-tube",
+        /// Pipe bend whose straight leg stands on a plate: one closed seam.
+        Elbow = "elbow",
+        /// V groove between two plates, 500 mm.
+        ButtV = "butt-v",
+        /// Half-V groove, 500 mm: one plate bevelled, the other square.
+        HalfV = "half-v",
+        /// Branch pipe on a main pipe; it may lean.
+        Saddle = "saddle",
+        /// Three webs at 120 degrees on a plate: six seams in two pockets.
+        Branch = "branch",
+        /// Block and rib on a plate.
+        Tacked = "tacked",
+        /// V groove along an S with a crown.
+        Scurve = "scurve",
+        /// Two webs that cross, on a plate: twelve seams in four pockets.
+        Cruciform = "cruciform",
+        /// T joint, boss and square tube apart from each other on the table.
+        Several = "several",
+        /// T joint held by its plate between the jaws of a vise, whose contacts are no seams.
+        Vise = "vise",
+        /// A plate with two holes: nothing to weld.
+        Plate = "plate",
+        /// A block on the table: nothing to weld.
+        Box = "box",
+    }
 }
 
-/// How the piece lies.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Pose {
-    /// On the table (PA, PB).
-    Flat,
-    /// Inclined by 30 degrees.
-    Tilted,
-    /// Upright, main seam level (PC).
-    Horizontal,
-    /// Upright, main seam rising (PF).
-    Vertical,
+named! {
+    "pose":
+    /// How the piece lies.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+    #[serde(rename_all = "kebab-case")]
+    pub enum Pose {
+        /// On the table (PA, PB).
+        Flat = "flat",
+        /// Inclined by 30 degrees.
+        Tilted = "tilted",
+        /// Upright, main seam level (PC).
+        Horizontal = "horizontal",
+        /// Upright, main seam rising (PF).
+        Vertical = "vertical",
+    }
 }
 
-/// How views are stored.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Format {
-    /// 16-bit depth images.
-    Png,
-    /// Binary PLY clouds in the camera frame.
-    Ply,
+named! {
+    "format":
+    /// How views are stored.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+    #[serde(rename_all = "kebab-case")]
+    pub enum Format {
+        /// 16-bit depth images.
+        Png = "png",
+        /// Binary PLY clouds in the camera frame.
+        Ply = "ply",
+    }
 }
 
 /// How a cell errs: the camera is not where the hand-eye transform says, and no pose of the robot is exact.
@@ -196,125 +205,6 @@ pub enum Error {
     #[error(transparent)]
     Write(#[from] weldpath_files::Error),
 }
-
-impl Part {
-    /// All of them.
-    pub const ALL: [Self; 19] = [
-        Self::Fillet,
-        Self::Lap,
-        Self::RoundLap,
-        Self::Boss,
-        Self::Corner,
-        Self::Pipe,
-        Self::SquareTube,
-        Self::Elbow,
-        Self::ButtV,
-        Self::HalfV,
-        Self::Saddle,
-        Self::Branch,
-        Self::Tacked,
-        Self::Scurve,
-        Self::Cruciform,
-        Self::Several,
-        Self::Vise,
-        Self::Plate,
-        Self::Box,
-    ];
-
-    /// The name on the command line and in files.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Fillet => "fillet",
-            Self::Lap => "lap",
-            Self::RoundLap => "round-lap",
-            Self::Boss => "boss",
-            Self::Corner => "corner",
-            Self::Pipe => "pipe",
-            Self::SquareTube => "square-tube",
-            Self::Elbow => "elbow",
-            Self::ButtV => "butt-v",
-            Self::HalfV => "half-v",
-            Self::Saddle => "saddle",
-            Self::Branch => "branch",
-            Self::Tacked => "tacked",
-            Self::Scurve => "scurve",
-            Self::Cruciform => "cruciform",
-            Self::Several => "several",
-            Self::Vise => "vise",
-            Self::Plate => "plate",
-            Self::Box => "box",
-        }
-    }
-}
-
-impl Pose {
-    /// All of them.
-    pub const ALL: [Self; 4] = [Self::Flat, Self::Tilted, Self::Horizontal, Self::Vertical];
-
-    /// The name on the command line and in files.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Flat => "flat",
-            Self::Tilted => "tilted",
-            Self::Horizontal => "horizontal",
-            Self::Vertical => "vertical",
-        }
-    }
-}
-
-impl Noise {
-    /// All of them.
-    pub const ALL: [Self; 4] = [Self::None, Self::Low, Self::Mid, Self::High];
-
-    /// The name on the command line and in files.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::None => "none",
-            Self::Low => "low",
-            Self::Mid => "mid",
-            Self::High => "high",
-        }
-    }
-}
-
-impl Format {
-    /// All of them.
-    pub const ALL: [Self; 2] = [Self::Png, Self::Ply];
-
-    /// The name on the command line and in files.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Png => "png",
-            Self::Ply => "ply",
-        }
-    }
-}
-
-macro_rules! named {
-    ($kind:ty, $what:literal) => {
-        impl std::fmt::Display for $kind {
-            fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-                f.pad(self.name())
-            }
-        }
-
-        impl FromStr for $kind {
-            type Err = Error;
-
-            fn from_str(word: &str) -> Result<Self, Error> {
-                let choices = || Self::ALL.map(Self::name).join(", ");
-                let found = Self::ALL.into_iter().find(|one| one.name() == word);
-                found.ok_or_else(|| Error::Unknown { what: $what, word: word.into(), choices: choices() })
-            }
-        }
-    };
-}
-
-named!(Part, "part");
-named!(Pose, "pose");
-named!(Noise, "noise");
-named!(Format, "format");
-named!(Sensor, "sensor");
 
 impl Request {
     /// A scan of `part` lying flat, at medium noise, in 640 x 480 depth images.

@@ -11,6 +11,7 @@
 //!   that a user calibrates away; no multipath); Freedman et al., "SRA", ECCV 2014 (corners seen too deep by multipath).
 
 use super::camera::{Camera, Seen};
+use super::named::named;
 use super::random::Stream;
 use super::rotation::sin_cos_deg;
 use super::scene::Scene;
@@ -18,17 +19,20 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
-/// A kind of depth camera.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Sensor {
-    /// Noise and nothing else.
-    Ideal,
-    /// A projector of stripes and a camera.
-    StructuredLight,
-    /// Two cameras and a matcher of windows.
-    Stereo,
-    /// Time of flight of modulated light.
-    Tof,
+named! {
+    "sensor":
+    /// A kind of depth camera.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+    pub enum Sensor {
+        /// Noise and nothing else.
+        Ideal = "ideal",
+        /// A projector of stripes and a camera.
+        StructuredLight = "structured-light",
+        /// Two cameras and a matcher of windows.
+        Stereo = "stereo",
+        /// Time of flight of modulated light.
+        Tof = "tof",
+    }
 }
 
 /// What a depth camera does wrong alike in every image. Nothing, unless said.
@@ -83,19 +87,6 @@ const REFERENCE_MM: f64 = 350.0;
 const BANDS: f64 = 24.0;
 
 impl Sensor {
-    /// All of them.
-    pub const ALL: [Self; 4] = [Self::Ideal, Self::StructuredLight, Self::Stereo, Self::Tof];
-
-    /// The name on the command line.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Ideal => "ideal",
-            Self::StructuredLight => "structured-light",
-            Self::Stereo => "stereo",
-            Self::Tof => "tof",
-        }
-    }
-
     /// What it does wrong.
     pub fn errors(self) -> SensorErrors {
         let none = SensorErrors::default();
