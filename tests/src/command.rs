@@ -8,6 +8,8 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::{self, sleep};
 use std::time::{Duration, Instant};
 
+use crate::markdown::blocks;
+
 /// How long a command may take to say or do what a test waits for, on a busy machine.
 pub const PATIENCE: Duration = Duration::from_secs(300);
 /// The same where it computes or compiles.
@@ -187,15 +189,6 @@ fn forward(output: Option<impl Read + Send + 'static>, say: Sender<String>) {
 
 /// Lines of the fenced `sh` blocks of a Markdown text.
 pub fn commands_of(markdown: &str) -> Vec<&str> {
-    let mut inside = false;
-    let mut commands = Vec::new();
-    for line in markdown.lines() {
-        match line.trim() {
-            "```sh" => inside = true,
-            "```" => inside = false,
-            command if inside && !command.is_empty() => commands.push(command),
-            _ => {}
-        }
-    }
-    commands
+    let lines = blocks(markdown, "sh").into_iter().flat_map(str::lines).map(str::trim);
+    lines.filter(|line| !line.is_empty()).collect()
 }

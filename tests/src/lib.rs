@@ -15,6 +15,7 @@ pub mod bench;
 pub mod browser;
 pub mod command;
 pub mod in_process;
+pub mod markdown;
 pub mod page;
 pub mod qemu;
 pub mod scans;

@@ -1,6 +1,8 @@
 //! Scans of simulated workpieces, planned and scored as the command does it.
 
+use std::collections::BTreeMap;
 use std::path::Path;
+use std::sync::{Mutex, OnceLock, PoisonError};
 
 use nalgebra::Point3;
 use weldpath::evaluation::{Options, PathSet, Score, Truth, score};
@@ -40,6 +42,40 @@ pub fn of_mesh(name: &str, triangles: Vec<Triangle>, views: usize, seed: u64) ->
         cell: None,
         sensor: SensorErrors::default(),
     }
+}
+
+/// What several tests look at, made once for each key and kept until the last of them has ended.
+pub struct Shared<K, V: 'static>(Mutex<BTreeMap<K, &'static OnceLock<V>>>);
+
+impl<K: Ord, V> Shared<K, V> {
+    /// Nothing yet.
+    pub const fn new() -> Self {
+        Self(Mutex::new(BTreeMap::new()))
+    }
+
+    /// What belongs to this key; while one test makes it, others that want it wait.
+    pub fn get(&self, key: K, make: impl FnOnce() -> V) -> &'static V {
+        // A test that failed left the list whole.
+        let mut slots = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let slot = *slots.entry(key).or_insert_with(|| Box::leak(Box::default()));
+        drop(slots);
+        slot.get_or_init(make)
+    }
+}
+
+impl<K: Ord, V> Default for Shared<K, V> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// The simulated scan of a request that several tests make.
+///
+/// # Panics
+/// If there is no such scan.
+pub fn shared(request: &Request) -> &'static Simulated {
+    static SCANS: Shared<String, Simulated> = Shared::new();
+    SCANS.get(format!("{request:?}"), || simulate(request).expect("a scan"))
 }
 
 /// Written to a folder and read from it.
@@ -89,10 +125,7 @@ impl Outcome {
     pub fn of(scan: &Scan, truth: &Truth, job: &Job) -> Self {
         let plan =
             planning::plan(scan, job, &mut ()).unwrap_or_else(|error| panic!("{}: {error}", truth.name));
-        let output = postprocess(&plan, job, planning::source(scan, job)).expect("files");
-        let csv = output.files.iter().find(|file| file.name == "path.csv").expect("path.csv");
-        let paths = PathSet::parse(&csv.bytes, Path::new("path.csv")).ok();
-        let score = paths.map(|paths| score(&paths, truth, &Options::default()));
+        let (output, score) = written(&plan, scan, truth, job);
         Self { plan, output, score }
     }
 
@@ -100,6 +133,18 @@ impl Outcome {
     pub fn verdict(&self) -> &Verdict {
         self.output.summary.verdict()
     }
+}
+
+/// All files of a plan, and the score of its `path.csv`; none where nothing is welded.
+///
+/// # Panics
+/// If the job does not go with the plan.
+pub fn written(plan: &Plan, scan: &Scan, truth: &Truth, job: &Job) -> (Output, Option<Score>) {
+    let output = postprocess(plan, job, planning::source(scan, job)).expect("files");
+    let csv = output.files.iter().find(|file| file.name == "path.csv").expect("path.csv");
+    let paths = PathSet::parse(&csv.bytes, Path::new("path.csv")).ok();
+    let score = paths.map(|paths| score(&paths, truth, &Options::default()));
+    (output, score)
 }
 
 /// Plans a simulated scan as the text of a job says.

@@ -7,6 +7,7 @@ use weldpath::output::verdict::ReasonId;
 use weldpath::output::{json, views};
 use weldpath::run::job::Job;
 use weldpath::run::postprocessing::postprocess;
+use weldpath_tests::markdown::blocks;
 use weldpath_tests::plans;
 
 const FORMATS: &str = include_str!("../../../docs/formats.md");
@@ -17,8 +18,7 @@ const PROGRAMS: &str = include_str!("../../../docs/programs.md");
 
 /// The first fenced block of this language.
 fn block(language: &str) -> &'static str {
-    let (_, rest) = FORMATS.split_once(&format!("```{language}\n")).unwrap();
-    rest.split("```").next().unwrap()
+    blocks(FORMATS, language)[0]
 }
 
 /// The first column of the table that follows `heading`.
@@ -99,9 +99,7 @@ fn documented_keys() -> Vec<String> {
             .all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_')
             .then(|| bare.to_owned())
     };
-    let toml_of =
-        |page: &'static str| page.split("```toml\n").skip(1).filter_map(|text| text.split("```").next());
-    let of_the_robot = toml_of(FEASIBILITY).chain(toml_of(PROGRAMS));
+    let of_the_robot = [FEASIBILITY, PROGRAMS].into_iter().flat_map(|page| blocks(page, "toml"));
     let blocks =
         [block("toml"), block("toml seams"), block("toml calibration")].into_iter().chain(of_the_robot);
     blocks.flat_map(|text| text.lines().filter_map(key)).collect()

@@ -53,23 +53,47 @@ impl Piece {
         clicks
     }
 
+    /// The true seams.
+    fn lines(&self) -> Vec<Line> {
+        self.truth.seams.iter().map(|seam| Line::new(seam.line(Target::Root))).collect()
+    }
+
     /// How far a seam is from the true ones, root mean square, mm.
     fn error_mm(&self, seam: &Seam) -> f64 {
-        let lines: Vec<&[[f64; 3]]> = self.truth.seams.iter().map(|seam| seam.line(Target::Root)).collect();
-        let squared =
-            |p: &Point3<f64>| lines.iter().map(|line| away_mm(p, line)).fold(f64::MAX, f64::min).powi(2);
-        let sum: f64 = seam.stations.iter().map(|station| squared(&station.position_mm)).sum();
+        let lines = self.lines();
+        let nearest = |p: &Point3<f64>| lines.iter().fold(f64::MAX, |best, line| line.away_mm(p, best));
+        let sum: f64 = seam.stations.iter().map(|station| nearest(&station.position_mm).powi(2)).sum();
         (sum / seam.stations.len() as f64).sqrt()
     }
 }
 
-fn away_mm(p: &Point3<f64>, line: &[[f64; 3]]) -> f64 {
-    let to_pair = |pair: &[[f64; 3]]| {
-        let [a, b] = [Point3::from(pair[0]), Point3::from(pair[1])];
-        let along = ((p - a).dot(&(b - a)) / (b - a).norm_squared()).clamp(0.0, 1.0);
-        (p - (a + (b - a) * along)).norm()
-    };
-    line.windows(2).map(to_pair).fold(f64::MAX, f64::min)
+/// A polyline whose points are no farther apart than this, mm.
+struct Line {
+    points: Vec<Point3<f64>>,
+    spacing_mm: f64,
+}
+
+impl Line {
+    fn new(points: &[[f64; 3]]) -> Self {
+        let points: Vec<_> = points.iter().copied().map(Point3::from).collect();
+        let spacing_mm = points.windows(2).map(|pair| (pair[1] - pair[0]).norm()).fold(1e-6, f64::max);
+        Self { points, spacing_mm }
+    }
+
+    /// Distance from a point; `most_mm` where it is no less. From a point of the line that is farther away, as many more are
+    /// passed over as it takes to come nearer.
+    fn away_mm(&self, p: &Point3<f64>, most_mm: f64) -> f64 {
+        let (mut best, mut k) = (most_mm, 0);
+        while let Some([a, b]) = self.points.get(k..k + 2) {
+            let passed = (((p - a).norm() - best) / self.spacing_mm) as usize;
+            if passed == 0 {
+                let along = ((p - a).dot(&(b - a)) / (b - a).norm_squared()).clamp(0.0, 1.0);
+                best = best.min((p - (a + (b - a) * along)).norm());
+            }
+            k += passed.max(1);
+        }
+        best
+    }
 }
 
 /// Share of the stations of one seam that another runs beside.
@@ -123,8 +147,9 @@ fn seams_kept_from_the_search_are_found_where_they_are_clicked() {
 fn where_no_joint_is_nothing_is_added() {
     let mut dice = Dice(2);
     for piece in PIECES.iter().step_by(2) {
-        let lines: Vec<&[[f64; 3]]> = piece.truth.seams.iter().map(|seam| seam.line(Target::Root)).collect();
-        let is_far = |p: &Point3<f64>| lines.iter().all(|line| away_mm(p, line) > 2.0 * CLICK_MM);
+        let lines = piece.lines();
+        let is_far =
+            |p: &Point3<f64>| lines.iter().all(|line| line.away_mm(p, 2.0 * CLICK_MM) >= 2.0 * CLICK_MM);
         let points: Vec<_> = (0..piece.plan.model.len()).map(|k| piece.plan.model.in_base_mm(k)).collect();
         let far: Vec<_> = points.into_iter().filter(is_far).collect();
         let mut pair = || {

@@ -2,30 +2,27 @@
 
 use nalgebra::{Isometry3, Matrix3, Point3, Translation3, UnitQuaternion, Vector3};
 use std::path::Path;
-use weldpath::input::{Options, Scan, read};
-use weldpath::pipeline::{Config, Plan, plan};
+use weldpath::input::{Options, read};
+use weldpath::pipeline::Plan;
 use weldpath::seam::measure::coverage::{Fault, Gap};
 use weldpath::simulation::{Camera, Noise, Part, Request, captured, stage, write};
 
-fn fixture(name: &str) -> Scan {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
-    read(&root.join("fixtures").join(name), &Options::default()).unwrap()
-}
+use crate::planned;
 
-fn planned(scan: &Scan) -> Plan {
-    plan(&scan.views, &Config::default(), &mut ()).unwrap()
+fn fixture(name: &str) -> Plan {
+    planned::plan(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../fixtures").join(name)).unwrap()
 }
 
 #[test]
 fn a_good_scan_draws_no_coverage_warning() {
     for name in ["fillet", "butt-v", "lap"] {
-        assert_eq!(planned(&fixture(name)).coverage, [], "{name}");
+        assert_eq!(fixture(name).coverage, [], "{name}");
     }
 }
 
 #[test]
 fn the_corner_inside_a_pipe_is_seen_in_part_and_said_to_go_on() {
-    let plan = planned(&fixture("pipe"));
+    let plan = fixture("pipe");
     let open: Vec<usize> = plan.seams.iter().filter(|seam| !seam.closed).map(|seam| seam.id).collect();
     assert!(!plan.coverage.is_empty(), "the truth of the inner ring is hidden for the most part");
     assert!(plan.coverage.iter().all(|gap| open.contains(&gap.seam)), "{:?}", plan.coverage);
@@ -49,7 +46,7 @@ fn looking(
 fn taken_from(request: &Request, base_from_camera: &[Isometry3<f64>]) -> Plan {
     let folder = tempfile::tempdir().unwrap();
     write(&captured(request, base_from_camera).unwrap(), folder.path()).unwrap();
-    planned(&read(folder.path(), &Options::default()).unwrap())
+    planned::plan_of(&read(folder.path(), &Options::default()).unwrap()).unwrap()
 }
 
 /// Warnings of a plan about the face with this normal.

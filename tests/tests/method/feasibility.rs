@@ -15,7 +15,7 @@ fn fixture(name: &str) -> String {
 
 fn planned(out: &Path, extra: &[&str]) -> (bool, String, Value) {
     let input = fixture("fillet");
-    let mut args = vec!["plan", &input, "--out", out.to_str().unwrap()];
+    let mut args = vec!["plan", &input, "--no-report", "--out", out.to_str().unwrap()];
     args.extend(extra);
     let output = run(&args);
     let said =
@@ -53,7 +53,8 @@ fn what_the_arm_cannot_run_is_refused_and_written_where_that_is_accepted() {
     assert!(done && said.contains("infeasible (accepted)"), "{said}");
     let replay = home.path().join("again");
     let job = accepted.join("job.toml");
-    let output = run(&["plan", "--job", job.to_str().unwrap(), "--out", replay.to_str().unwrap()]);
+    let output =
+        run(&["plan", "--no-report", "--job", job.to_str().unwrap(), "--out", replay.to_str().unwrap()]);
     assert!(output.status.success());
     for name in ["feasibility.csv", "job.toml", "path.json"] {
         let read = |folder: &Path| std::fs::read(folder.join(name)).unwrap();
@@ -67,7 +68,7 @@ fn the_cell_with_a_ur10e_keeps_every_link_above_the_floor() {
     let home = tempfile::tempdir().unwrap();
     let (cell, job) = (fixture("cell"), fixture("cell.toml"));
     let out = home.path().to_str().unwrap();
-    let output = run(&["plan", &cell, "--job", &job, "--robot-model", "ur10e", "--out", out]);
+    let output = run(&["plan", &cell, "--no-report", "--job", &job, "--robot-model", "ur10e", "--out", out]);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let table = std::fs::read_to_string(home.path().join("feasibility.csv")).unwrap();
     let mut rows = 0;

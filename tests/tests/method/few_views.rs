@@ -3,8 +3,8 @@
 use nalgebra::Point3;
 use weldpath::output::verdict::{ReasonId, State};
 use weldpath::seam::Contact;
-use weldpath::simulation::{MeshRequest, Noise, Part, Request, SensorErrors, simulate, simulate_mesh};
-use weldpath_tests::scans::{Outcome, Triangle, block, of_mesh, planned};
+use weldpath::simulation::{MeshRequest, Noise, Part, Request, SensorErrors, simulate_mesh};
+use weldpath_tests::scans::{Outcome, Triangle, block, of_mesh, planned, shared};
 
 /// Nothing was chosen on it.
 const SEED: u64 = 43;
@@ -14,7 +14,7 @@ const JOB: &str = "accept = [\"tool-not-stated\", \"torch-collision\"]\n[scan]\n
 /// One view of a part.
 fn of_part(part: Part, sensor: SensorErrors, thickness_mm: Option<f64>) -> Outcome {
     let request = Request { views: Some(1), sensor, thickness_mm, ..Request::new(part, SEED) };
-    planned(&simulate(&request).expect("a scan"), JOB)
+    planned(shared(&request), JOB)
 }
 
 /// Some views of a mesh with little noise, from so far where that is not the usual distance.

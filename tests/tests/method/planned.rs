@@ -1,25 +1,20 @@
 //! Plans that several tests look at, each made once.
 
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, LazyLock, Mutex, OnceLock};
+use std::sync::LazyLock;
 
 use weldpath::evaluation::Truth;
 use weldpath::input::{self, Scan};
 use weldpath::pipeline::{self, Config, Kept, MergeConfig, Plan, PlanError, Wishes};
 use weldpath::run::job::Job;
 use weldpath::simulation::{Part, Request};
-use weldpath_tests::scans::scanned;
-
-type Planned = Arc<OnceLock<Result<Plan, PlanError>>>;
+use weldpath_tests::scans::{Shared, scanned};
 
 /// The plan of a folder with `scan.json`, as the command makes it without any option.
 pub(crate) fn plan(folder: &Path) -> Result<Plan, PlanError> {
-    static PLANS: Mutex<BTreeMap<PathBuf, Planned>> = Mutex::new(BTreeMap::new());
-    let slot =
-        Arc::clone(PLANS.lock().expect("no plan panics under the lock").entry(folder.into()).or_default());
+    static PLANS: Shared<PathBuf, Result<Plan, PlanError>> = Shared::new();
     let read = || input::read(folder, &input::Options::default()).unwrap_or_else(|error| panic!("{error}"));
-    slot.get_or_init(|| plan_of(&read())).clone()
+    PLANS.get(folder.into(), || plan_of(&read())).clone()
 }
 
 /// The same of a scan that one test made for itself.

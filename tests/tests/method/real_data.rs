@@ -13,7 +13,10 @@ use weldpath::model::reconstruction::pair;
 use weldpath::model::{normals, reconstruction};
 use weldpath::pipeline::{self, Plan, PlanError};
 use weldpath::run::job::Job;
+use weldpath_tests::scans::Shared;
 use weldpath_tests::shared_data;
+
+use crate::planned::plan_of;
 
 const GROOVE: &str = "pengrui-rio+welding-robot/pointcloud_dataset/driver_test_cloud.pcd";
 /// No weld in them: beginnings of the path below `real/`.
@@ -31,8 +34,9 @@ fn read(path: &Path, units: Units) -> Scan {
         .unwrap_or_else(|error| panic!("{error}"))
 }
 
-fn plan(path: &Path) -> Result<Plan, PlanError> {
-    pipeline::plan(&read(path, Units::Auto).views, &Job::default().pipeline(), &mut ())
+fn plan(path: &Path) -> &'static Result<Plan, PlanError> {
+    static PLANS: Shared<PathBuf, Result<Plan, PlanError>> = Shared::new();
+    PLANS.get(path.into(), || plan_of(&read(path, Units::Auto)))
 }
 
 /// The complaint about what does not hold.
@@ -149,8 +153,8 @@ fn the_milled_groove_is_followed_within_a_millimetre_and_nothing_else_is() {
         .flat_map(|view| view.points_mm.iter().map(|p| view.base_from_camera * p.cast::<f64>()))
         .filter(|p| (p - foot(p, &line).0).norm() < 30.0)
         .collect();
-    let plan = plan(&real.join(GROOVE)).expect("a groove");
-    let lateral = lateral_mm(&plan, &line, &plane_normal(&near));
+    let plan = plan(&real.join(GROOVE)).as_ref().expect("a groove");
+    let lateral = lateral_mm(plan, &line, &plane_normal(&near));
     let (rms_mm, count) = (rms(&lateral), plan.seams.len());
     println!("driver_test_cloud: {count} seam(s), {rms_mm:.3} mm rms of {} points", lateral.len());
     let length_mm: f64 = plan.paths.iter().map(|path| path.length_mm()).sum();
@@ -188,7 +192,7 @@ fn one_valley_is_found_in_one_place_at_five_densities() {
     let densities = ["nodownsample", "1mmvoxel", "1-5mmvoxel", "2mmvoxel", "3mmvoxel"];
     let paths = densities.map(|name| {
         let path = files.iter().find(|path| path.file_stem().is_some_and(|stem| stem == name));
-        let plan = plan(path.expect("a cloud")).unwrap_or_else(|error| panic!("{name}: {error}"));
+        let plan = plan(path.expect("a cloud")).as_ref().unwrap_or_else(|error| panic!("{name}: {error}"));
         assert_eq!(plan.seams.len(), 1, "{name}");
         plan.paths[0].points.iter().map(|point| point.position_mm).collect::<Vec<_>>()
     });

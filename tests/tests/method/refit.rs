@@ -4,9 +4,10 @@ use nalgebra::{Isometry3, Matrix4, Point3, Rotation3, Translation3, UnitQuaterni
 use weldpath::geometry::cloud::{PointCloud, View};
 use weldpath::input;
 use weldpath::run::refit::{Error, cloud, moved, refit};
-use weldpath::simulation::{Part, Request, simulate, write};
+use weldpath::simulation::{Part, Request, write};
 use weldpath::weld::program::{Kind, Waypoint};
 use weldpath_tests::command::{end_of, plan_the_cell, weldpath};
+use weldpath_tests::scans::shared;
 
 /// A part seen by every other camera of a scan, seen by the others, its true seams as a program, and the table's height.
 struct Seen {
@@ -17,9 +18,9 @@ struct Seen {
 }
 
 fn seen(part: Part) -> Seen {
-    let simulated = simulate(&Request::new(part, 1)).unwrap();
+    let simulated = shared(&Request::new(part, 1));
     let home = tempfile::tempdir().unwrap();
-    write(&simulated, home.path()).unwrap();
+    write(simulated, home.path()).unwrap();
     let mut views = input::read(home.path(), &input::Options::default()).unwrap().views;
     for (view, rows) in views.iter_mut().zip(&simulated.truth.true_cam) {
         let pose = Matrix4::from_fn(|r, c| rows[r][c]);

@@ -2,16 +2,22 @@
 
 use serde_json::{Value, json};
 use std::path::Path;
+use weldpath::files::File;
 use weldpath::input::{Options, Scan, read};
-use weldpath::simulation::{Part, Pose, Request, simulate, write};
+use weldpath::simulation::{Part, Pose, Request, files, simulate};
+use weldpath_tests::scans::Shared;
 
 use nalgebra::{Isometry3, Matrix3, UnitQuaternion, Vector3};
 
 /// A simulated scan whose scan.json went through `change`.
 fn changed(part: Part, pose: Pose, change: impl Fn(&mut Value)) -> Result<Scan, String> {
-    let folder = tempfile::tempdir().unwrap();
+    static SCANS: Shared<String, Vec<File>> = Shared::new();
     let request = Request { pose, width: 320, height: 240, ..Request::new(part, 4) };
-    write(&simulate(&request).unwrap(), folder.path()).unwrap();
+    let scan = SCANS.get(format!("{part} {pose}"), || files(&simulate(&request).unwrap()).unwrap());
+    let folder = tempfile::tempdir().unwrap();
+    for file in scan {
+        std::fs::write(folder.path().join(&file.name), &file.bytes).unwrap();
+    }
     let file = folder.path().join("scan.json");
     let mut scan: Value = serde_json::from_slice(&std::fs::read(&file).unwrap()).unwrap();
     change(&mut scan);

@@ -14,7 +14,7 @@ use weldpath::run::job::Job;
 use weldpath::run::planning;
 use weldpath::simulation::{CellErrors, Part, Request};
 use weldpath_tests::adversary::Random;
-use weldpath_tests::scans::{scanned, scored};
+use weldpath_tests::scans::{read, scored, shared};
 
 const CELL: CellErrors = CellErrors {
     hand_eye_mm: 2.0,
@@ -28,7 +28,8 @@ const CELL: CellErrors = CellErrors {
 const TIP_MM: f64 = 0.1;
 
 fn of_cell(part: Part, seed: u64) -> (Scan, Truth) {
-    scanned(&Request { cell: Some(CELL), ..Request::new(part, seed) })
+    let simulated = shared(&Request { cell: Some(CELL), ..Request::new(part, seed) });
+    (read(simulated), simulated.truth.clone())
 }
 
 /// The required seam's true stations at these shares of its length, as a tip that errs finds them.

@@ -4,7 +4,8 @@ use std::path::{Path, PathBuf};
 
 use weldpath::run::job::Job;
 use weldpath::run::postprocessing::postprocess;
-use weldpath_tests::command::weldpath;
+use weldpath_tests::command::{commands_of, weldpath};
+use weldpath_tests::markdown::blocks;
 use weldpath_tests::pictures::{From, picture};
 use weldpath_tests::plans;
 
@@ -36,7 +37,7 @@ fn examples() -> Vec<Example> {
         .map(|rest| {
             let (name, rest) = rest.split_once(".svg \"").unwrap();
             let (how, rest) = rest.split_once("\")").unwrap();
-            let toml = rest.split("```toml\n").nth(1).unwrap().split("```").next().unwrap();
+            let toml = blocks(rest, "toml")[0];
             let from = match how.split(',').next().unwrap() {
                 "aslant" => From::Aslant,
                 "from behind" => From::Behind,
@@ -92,8 +93,7 @@ fn every_example_changes_the_program_and_replays_to_the_same_bytes() {
 #[test]
 fn every_block_of_the_page_is_a_job() {
     let page = page();
-    let blocks: Vec<&str> =
-        page.split("```toml\n").skip(1).map(|rest| rest.split("```").next().unwrap()).collect();
+    let blocks = blocks(&page, "toml");
     assert!(blocks.len() > examples().len(), "some have no picture");
     for block in blocks {
         job(block);
@@ -104,8 +104,7 @@ fn every_block_of_the_page_is_a_job() {
 fn every_command_of_the_page_ends_well() {
     let page = page();
     let home = tempfile::tempdir().unwrap();
-    let blocks = page.split("```sh\n").skip(1).map(|rest| rest.split("```").next().unwrap());
-    let commands: Vec<&str> = blocks.flat_map(str::lines).filter(|line| !line.is_empty()).collect();
+    let commands = commands_of(&page);
     assert!(commands.len() >= 3);
     std::os::unix::fs::symlink(root().join("fixtures"), home.path().join("fixtures")).unwrap();
     for command in commands {

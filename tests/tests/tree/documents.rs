@@ -1,6 +1,8 @@
 //! The documents name files of the tree: each is there, and so is every target of a link between them.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+
+use weldpath_tests::markdown::{anchors, blocks, code, links};
 
 use crate::{HOST, read, root};
 
@@ -16,20 +18,15 @@ fn documents() -> Vec<PathBuf> {
     found
 }
 
-/// Words in backticks that are paths from the root of the tree.
-fn paths_named(text: &str) -> Vec<&str> {
+/// Words of its code that are paths from the root of the tree.
+fn paths_named(text: &str) -> Vec<String> {
     let tops = ["core/", "host/", "firmware/", "tests/", "fixtures/", "docs/"];
-    let code = text.split('`').skip(1).step_by(2).flat_map(str::split_whitespace);
-    let word = |word: &str| tops.iter().any(|top| word.starts_with(top));
+    let shell = blocks(text, "sh").into_iter().map(str::to_owned);
+    let code: Vec<String> = code(text).into_iter().chain(shell).collect();
+    let word = |word: &&str| tops.iter().any(|top| word.starts_with(top));
     let plain = |word: &&str| word.chars().all(|c| c.is_ascii_alphanumeric() || "/._-".contains(c));
-    code.filter(|found| word(found)).filter(plain).collect()
-}
-
-/// Targets of links that lie in the tree.
-fn targets(text: &str) -> impl Iterator<Item = &str> {
-    let links = text.split("](").skip(1).filter_map(|rest| rest.split(')').next());
-    let inside = links.filter(|link| !link.contains("://") && !link.starts_with('#'));
-    inside.filter_map(|link| link.split(['#', ' ']).next()).filter(|link| !link.is_empty())
+    let words = code.iter().flat_map(|code| code.split_whitespace());
+    words.filter(word).filter(plain).map(str::to_owned).collect()
 }
 
 /// Where something that a command of the documents builds or writes will be.
@@ -38,17 +35,23 @@ fn is_made(path: &str) -> bool {
 }
 
 #[test]
-fn every_path_and_every_link_of_the_documents_is_there() {
+fn every_path_link_and_heading_that_the_documents_name_is_there() {
     let (mut named, mut missing) = (0, Vec::new());
     for document in documents() {
         let text = std::fs::read_to_string(&document).expect("a document");
         let here = document.parent().expect("a folder");
-        let paths =
-            paths_named(&text).into_iter().filter(|path| !is_made(path)).map(|path| root().join(path));
-        for path in paths.chain(targets(&text).map(|link| here.join(link))) {
+        let paths = paths_named(&text).into_iter().filter(|path| !is_made(path));
+        let links = links(&text).into_iter().filter(|link| !link.contains("://"));
+        let places = paths.map(|path| root().join(path)).chain(links.map(|link| here.join(link)));
+        for place in places {
             named += 1;
-            if !path.exists() {
-                missing.push(format!("{}: {}", document.display(), path.display()));
+            let place = place.to_string_lossy();
+            let (path, heading) = place.split_once('#').unwrap_or((&place, ""));
+            let path = if path.ends_with('/') && !heading.is_empty() { &document } else { Path::new(path) };
+            let has_heading =
+                || anchors(&std::fs::read_to_string(path).unwrap_or_default()).contains(heading);
+            if !path.exists() || !heading.is_empty() && !has_heading() {
+                missing.push(format!("{}: {place}", document.display()));
             }
         }
     }

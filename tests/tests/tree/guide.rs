@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::process::Command;
 
 use weldpath_tests::command::weldpath;
+use weldpath_tests::markdown::{blocks, code};
 
 use crate::{product, read, root};
 
@@ -42,16 +43,6 @@ fn doc(name: &str) -> String {
     std::fs::read_to_string(root().join("docs").join(name)).unwrap()
 }
 
-/// The fenced `sh` blocks of a Markdown text.
-fn blocks(markdown: &str) -> Vec<&str> {
-    markdown.split("```sh\n").skip(1).map(|rest| rest.split("```").next().unwrap_or_default()).collect()
-}
-
-/// What stands between backticks.
-fn quoted(text: &str) -> impl Iterator<Item = &str> {
-    text.split('`').skip(1).step_by(2)
-}
-
 fn help(subcommand: &str) -> String {
     let output = weldpath().args([subcommand, "--help"]).output().unwrap();
     assert!(output.status.success(), "{subcommand}");
@@ -74,8 +65,9 @@ fn every_block_of_the_guide_ends_well_and_says_something() {
     let program = PathBuf::from(weldpath().get_program());
     let mut path = vec![program.parent().unwrap().to_path_buf()];
     path.extend(std::env::split_paths(&std::env::var_os("PATH").unwrap_or_default()));
-    assert!(blocks(&guide).len() > 5);
-    for block in blocks(&guide) {
+    let blocks = blocks(&guide, "sh");
+    assert!(blocks.len() > 5);
+    for block in blocks {
         let mut shell = Command::new("sh");
         shell.args(["-e", "-c", block]).current_dir(home.path());
         let output = shell.env("PATH", std::env::join_paths(&path).unwrap()).output().unwrap();
@@ -112,10 +104,11 @@ fn every_message_of_the_troubleshooting_page_is_in_the_sources() {
     let sources: String = product().into_iter().map(whole).collect();
     let page = doc("troubleshooting.md");
     let rows = page.lines().filter(|line| line.starts_with("| ") && !line.starts_with("| symptom"));
-    let messages: Vec<&str> = rows.filter_map(|row| quoted(row.split(" | ").nth(1)?).next()).collect();
+    let messages: Vec<String> =
+        rows.filter_map(|row| code(row.split(" | ").nth(1)?).into_iter().next()).collect();
     assert!(messages.len() > 25);
     for message in messages {
-        assert!(sources.contains(message), "{message:?} is said nowhere");
+        assert!(sources.contains(&message), "{message:?} is said nowhere");
     }
 }
 
@@ -137,18 +130,6 @@ fn the_documented_exit_codes_are_those_of_the_help_and_of_the_source() {
     let told: BTreeSet<u8> =
         list.split("; ").filter_map(|part| part.split_whitespace().next()?.parse().ok()).collect();
     assert_eq!(told, exits);
-}
-
-#[test]
-fn every_file_that_the_pages_link_to_is_there() {
-    for page in PAGES {
-        let text = doc(page);
-        let place = root().join("docs").join(page);
-        // A picture's title stands behind its name.
-        for link in text.split("](").skip(1).filter_map(|rest| rest.split([')', '#', ' ']).next()) {
-            assert!(place.with_file_name(link).exists(), "{page} links to {link}");
-        }
-    }
 }
 
 #[test]

@@ -29,29 +29,3 @@ fn every_command_of_the_readme_ends_well() {
         }
     }
 }
-
-#[test]
-fn every_file_and_heading_the_readme_links_to_is_there() {
-    let readme = read("README.md");
-    let links: Vec<&str> = readme
-        .split("](")
-        .skip(1)
-        .filter_map(|rest| rest.split(')').next())
-        .filter(|l| !l.contains(':'))
-        .collect();
-    assert!(!links.is_empty());
-    for link in links {
-        let (file, heading) = link.split_once('#').unwrap_or((link, ""));
-        assert!(root().join(file).exists(), "{link} is not there");
-        if !heading.is_empty() {
-            let text = read(file);
-            assert!(text.lines().any(|line| is_heading(line, heading)), "{link}: no such heading");
-        }
-    }
-}
-
-/// Whether a line is the heading of this anchor: in lower case, words joined by hyphens.
-fn is_heading(line: &str, anchor: &str) -> bool {
-    let words = line.trim_start_matches('#').trim().to_lowercase().replace(' ', "-");
-    line.starts_with('#') && words == anchor
-}
