@@ -148,14 +148,24 @@ mod tests {
 
     #[test]
     fn the_rest_begins_off_the_work_and_welds_from_where_it_was_asked_to() {
-        let rest = from_waypoint(&seam(), 4).unwrap();
+        let part = from_waypoint(&seam(), 4).unwrap();
+        assert_eq!([0, 1, 2, 3].map(|index| part.whole(index)), [4, 4, 5, 6], "as the whole counts");
+        let rest = part.waypoints;
         assert_eq!(rest[0].position_mm, Point3::new(30.0, 0.0, 20.0));
         assert!(!rest[0].weld && rest[1].weld && rest[1].position_mm.x == 30.0);
         assert_eq!(rest[1].feed_mm_s, SLOW_MM_S, "slowly in");
         assert_eq!(rest[2..], seam()[5..], "and then as planned");
-        let rest = from_mm(&seam(), 50.0 + 34.0).unwrap();
+        let part = from_mm(&seam(), 50.0 + 34.0).unwrap();
+        assert_eq!([1, 2].map(|index| part.whole(index)), [4, 5]);
+        let rest = part.waypoints;
         assert!((rest[1].position_mm.x - 34.0).abs() < 1e-9 && rest[1].weld);
         assert_eq!(rest[2..], seam()[5..]);
+    }
+
+    #[test]
+    fn all_of_a_program_counts_as_it_is() {
+        let all = Rest::all(seam());
+        assert_eq!([0, 1, 11].map(|index| all.whole(index)), [0, 1, 11]);
     }
 
     #[test]
