@@ -30,7 +30,7 @@ use weldpath_job::output::summary::{Source, Summary};
 use weldpath_job::output::verdict::{Finding, ReasonId, Verdict};
 use weldpath_job::run::job::Job;
 use weldpath_job::run::postprocessing::Output;
-use weldpath_method::pipeline::{Derivation, Plan, Remarks};
+use weldpath_method::pipeline::{Derivation, Plan, PlanError, Remarks};
 use weldpath_method::weld::program::Program;
 
 /// Name of the page within a run's folder.
@@ -51,9 +51,9 @@ pub fn files(plan: &Plan, output: &Output, recording: &Recording, job: &Job) -> 
     vec![File::new(PAGE, page), File::new(PICTURE, picture)]
 }
 
-/// The same of a run that found no seam: what was seen, in `reason` why nothing came of it, and what looked like a seam
+/// The same of a run that found no seam: what was seen, in `error` why nothing came of it, and what looked like a seam
 /// and was rejected. Empty if nothing was recorded.
-pub fn without_seams(recording: &Recording, job: &Job, reason: &str) -> Vec<File> {
+pub fn without_seams(recording: &Recording, job: &Job, error: &PlanError) -> Vec<File> {
     let Some(clouds) = &recording.clouds else { return Vec::new() };
     let plan = Plan {
         model: clouds.model(),
@@ -64,7 +64,11 @@ pub fn without_seams(recording: &Recording, job: &Job, reason: &str) -> Vec<File
         derived: Derivation::default(),
         said: Remarks::default(),
     };
-    let verdict = Verdict::new([Finding::new(ReasonId::NoSeam, reason)], &[]);
+    let id = match error {
+        PlanError::TooSparse { .. } => ReasonId::Sparse,
+        _ => ReasonId::NoSeam,
+    };
+    let verdict = Verdict::new([Finding::new(id, error.to_string())], &[]);
     let rejected = recording.rejected.clone();
     let summary =
         Summary::new(&plan, Source::default(), &[], &[], job.order.up.get(), rejected).with_verdict(verdict);

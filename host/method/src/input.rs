@@ -1,7 +1,7 @@
 //! Reads what a camera saw: everything that turns INPUT into [`View`]s in millimetres.
 //!
 //! INPUT is a folder with `scan.json` (or that file), a folder of depth images with a trajectory, or one file:
-//! PLY, PCD, XYZ/CSV, STL, OBJ, a 16-bit depth PNG, or, with the features of these names, E57 and LAS/LAZ. The content
+//! PLY, PCD, XYZ/CSV, STL, OBJ, legacy VTK, NumPy's .npy, a 16-bit depth PNG, or, with these features, E57 and LAS/LAZ. The content
 //! decides the kind, the extension only where the content has no mark of its own. This module is the only place where
 //! metres appear: [`Units`] says how they are known.
 //! Nothing here trusts a count in a header: it is held against the size of the file before anything is allocated.
@@ -15,13 +15,18 @@ mod e57;
 mod extent;
 #[cfg_attr(not(any(feature = "ply", feature = "pcd")), allow(dead_code))]
 mod fast;
+mod foreign;
 mod format;
 mod frame;
+mod intrinsics;
 #[cfg(feature = "las")]
 mod las;
 mod manifest;
+mod measured;
 pub mod memory;
 mod mesh;
+mod misreading;
+mod npy;
 #[cfg(feature = "pcd")]
 mod pcd;
 #[cfg(feature = "ply")]
@@ -38,6 +43,7 @@ mod text;
 mod trajectory;
 mod transform;
 mod units;
+mod vtk;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -49,6 +55,7 @@ pub use camera::{CameraPosition, Distortion, Intrinsics};
 pub use doubt::{CloudFrame, Doubt, DoubtKind};
 use format::{Format, Reader};
 use raw::Raw;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 pub use stated::StatedFrame;
 pub use units::{Units, UnknownUnits};
@@ -66,8 +73,21 @@ pub struct Options {
     pub camera_mm: Option<CameraPosition>,
     /// Whose frame the coordinates of a cloud are in that does not tell.
     pub frame: Option<StatedFrame>,
+    /// Whether a file with faces is exact CAD or a scan; its data say it where this does not.
+    pub mesh_as: Option<MeshAs>,
     /// Whether a `scan.json` may name files outside its folder. One that came from somebody else should not.
     pub allow_outside: bool,
+}
+
+/// What a file with faces is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
+#[serde(rename_all = "kebab-case")]
+pub enum MeshAs {
+    /// Drawn: its faces are exact.
+    Cad,
+    /// Measured: its vertices are points of a scan.
+    Scan,
 }
 
 /// What was read, and how it was understood. Kept on a disk it is without its points.
@@ -317,7 +337,7 @@ fn read_any(input: &Path, options: &Options) -> Result<Scan, Error> {
 /// # Ok::<(), input::Error>(())
 /// ```
 pub fn read_bytes(bytes: Vec<u8>, path: &Path, options: &Options) -> Result<Scan, Error> {
-    whole(of_bytes(bytes, path, options)?, path, options)
+    whole(of_bytes(without_mark(bytes), path, options)?, path, options)
 }
 
 fn of_bytes(bytes: Vec<u8>, path: &Path, options: &Options) -> Result<Scan, Error> {
@@ -332,7 +352,12 @@ fn format_of(bytes: &[u8], path: &Path) -> Result<&'static Format, Error> {
     if bytes.is_empty() {
         return Err(Error::empty(path, "the file has 0 bytes"));
     }
-    format::of(bytes, path).ok_or_else(|| Error::UnknownKind { path: path.into(), help: format::help(path) })
+    foreign::refuse(bytes, path)?;
+    let unknown = || {
+        let unknown = || Error::UnknownKind { path: path.into(), help: format::help(path) };
+        foreign::by_name(path).unwrap_or_else(unknown)
+    };
+    format::of(bytes, path).ok_or_else(unknown)
 }
 
 /// The points of a PLY, PCD, XYZ/CSV, STL or OBJ file as they stand in it: its unit, its frame, nothing dropped.
@@ -400,32 +425,53 @@ fn single(mut raw: Raw, path: &Path, options: &Options) -> Result<Scan, Error> {
     let extent = raw.extent();
     let mut warnings = Vec::new();
     let mm_per_unit = units::decide(options.units, raw.unit, &extent, &mut notes, &mut warnings);
-    let mut frame = CloudFrame::Unknown;
-    let view = if raw.triangles.is_empty() {
-        let camera = match (options.camera_mm, options.frame) {
-            (Some(at), _) => {
-                let [x, y, z] = at.mm();
-                notes.push(format!("frame: a camera at {x}, {y}, {z} mm (as given)"));
-                Some(Vector3::from(at.mm()) / mm_per_unit)
+    let mut doubts = Vec::new();
+    if !raw.triangles.is_empty() {
+        let said = options.mesh_as;
+        match mesh::taken(raw, said, &extent, mm_per_unit, path, &mut notes, &mut doubts)? {
+            mesh::Taken::Cad(view) => {
+                let scan = Scan::of(vec![*view], CloudFrame::Unknown, path);
+                return Ok(Scan { notes, warnings, ..scan });
             }
-            (None, Some(StatedFrame::Camera)) => {
-                notes.push("frame: the camera's (as given)".into());
-                Some(Vector3::zeros())
-            }
-            (None, Some(StatedFrame::Base)) => frame::camera_in_base(&raw, &extent, &mut notes),
-            (None, None) => frame::camera_of(&raw, &extent, &mut notes),
-        };
-        // The origin of the base frame may be where a camera was said to stand.
-        if camera == Some(Vector3::zeros()) && options.frame != Some(StatedFrame::Base) {
-            frame = CloudFrame::Camera;
+            mesh::Taken::Scan(cloud) => raw = *cloud,
         }
-        view_of(raw, camera, extent.middle, mm_per_unit, path)
-    } else {
-        mesh::sample(&raw, &extent, mm_per_unit, path, &mut notes)?
+        raw.clean(path, &mut notes)?;
+    }
+    let camera = match (options.camera_mm, options.frame) {
+        (Some(at), _) => {
+            let [x, y, z] = at.mm();
+            notes.push(format!("frame: a camera at {x}, {y}, {z} mm (as given)"));
+            Some(Vector3::from(at.mm()) / mm_per_unit)
+        }
+        (None, Some(StatedFrame::Camera)) => {
+            notes.push("frame: the camera's (as given)".into());
+            Some(Vector3::zeros())
+        }
+        (None, Some(StatedFrame::Base)) => frame::camera_in_base(&raw, &extent, &mut notes),
+        (None, None) => frame::camera_of(&raw, &extent, &mut notes),
     };
-    let mut scan = Scan::of(vec![view], frame, path);
-    (scan.notes, scan.warnings) = (notes, warnings);
-    Ok(scan)
+    // The origin of the base frame may be where a camera was said to stand.
+    let asked = camera.is_none() && options.frame.is_none();
+    let (camera, doubt) = match if asked { frame::suspicion(&raw) } else { frame::Suspicion::None } {
+        frame::Suspicion::None => (camera, None),
+        frame::Suspicion::Is => {
+            notes.push("frame: a camera at the origin that faces along x (its pixels are a grid)".into());
+            (Some(Vector3::zeros()), None)
+        }
+        frame::Suspicion::May(why) => (None, Some(why)),
+    };
+    if let Some(why) = doubt {
+        let words = format!(
+            "are the coordinates those of the camera, not of the robot's base? {why}: say --frame camera, or --frame base"
+        );
+        doubts.push(Doubt { kind: DoubtKind::Frame, words });
+    }
+    let in_camera = camera == Some(Vector3::zeros()) && options.frame != Some(StatedFrame::Base);
+    let frame = if in_camera { CloudFrame::Camera } else { CloudFrame::Unknown };
+    let view = view_of(raw, camera, extent.middle, mm_per_unit, path);
+    warnings.extend(doubts.iter().map(|doubt| doubt.words.clone()));
+    let scan = Scan::of(vec![view], frame, path);
+    Ok(Scan { notes, warnings, doubts, ..scan })
 }
 
 /// A cloud as a view whose origin is the camera or, where none is known, the middle of the cloud. File units.
@@ -477,14 +523,23 @@ fn read_at_most(path: &Path, most: u64) -> Result<Vec<u8>, Error> {
     let io = |source| Error::Io {
         path: path.into(),
         source,
-        help: "Check the path: INPUT is a folder with scan.json, or a PLY, PCD, XYZ/CSV, STL, OBJ or depth PNG file.",
+        help: "Check the path: INPUT is a folder with scan.json, or a PLY, PCD, XYZ/CSV, STL, OBJ, VTK, .npy or depth PNG file.",
     };
     let metadata = std::fs::metadata(path).map_err(io)?;
     if !metadata.is_file() {
         return Err(io(std::io::Error::other("not a regular file")));
     }
     memory::hold_file(path, metadata.len(), most)?;
-    std::fs::read(path).map_err(io)
+    std::fs::read(path).map_err(io).map(without_mark)
+}
+
+/// Without the mark of UTF-8 that some programs on Windows write before a text (BOM).
+fn without_mark(mut bytes: Vec<u8>) -> Vec<u8> {
+    const MARK: &[u8] = b"\xEF\xBB\xBF";
+    if bytes.starts_with(MARK) {
+        bytes.drain(..MARK.len());
+    }
+    bytes
 }
 
 #[cfg(test)]

@@ -8,6 +8,7 @@ mod merged;
 mod reconstruction;
 mod result;
 mod scale_search;
+mod sparse;
 mod stages;
 mod survey;
 pub mod tacks;
@@ -83,6 +84,9 @@ pub fn plan_from(
     survey.scene.trim(&mut result.found, &merged.views);
     survey.scene.show(&merged.cloud, &result, sought.raw, stages.observer);
     if result.found.seams.is_empty() {
+        if let Some(words) = sparse::words(&survey.raw) {
+            return Err(PlanError::TooSparse { reason: survey.scene.reason(&merged.cloud, words) });
+        }
         let reason = [vec![result.found.reason], unmet, undrawn].concat().join("; ");
         return Err(result::no_seam(survey.scene.reason(&merged.cloud, reason)));
     }

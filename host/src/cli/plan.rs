@@ -62,6 +62,9 @@ pub(super) struct Args {
     /// Whose frame the coordinates of a cloud are in, where the file does not say it
     #[arg(long)]
     frame: Option<input::StatedFrame>,
+    /// What a file with faces is, where its data do not say it: exact CAD, or a scan
+    #[arg(long = "as", value_name = "KIND")]
+    mesh_as: Option<input::MeshAs>,
     /// What holds the model in the robot's base frame: robot (all poses and the hand-eye transform), or first (the first
     /// view's pose, taken as exact) [default: robot]
     #[arg(long, value_name = "ANCHOR")]
@@ -189,9 +192,11 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let found = match result {
         Ok(found) => found,
         Err(error) => {
-            let failure = not_found(error);
-            let seen = recording.map(|r| report::without_seams(&r, &job, &failure.message));
-            return keep_seen(&folder, stages, seen.unwrap_or_default()).and(Err(failure));
+            let seen = match (&error, recording) {
+                (planning::Error::Plan(error), Some(seen)) => report::without_seams(&seen, &job, error),
+                _ => Vec::new(),
+            };
+            return keep_seen(&folder, stages, seen).and(Err(not_found(error)));
         }
     };
     let (plan, source) = (&found.plan, planning::source(&found.scan, &job));
@@ -287,6 +292,7 @@ fn how_to_read(job: &mut Job, args: &Args) {
     job.depth_scale_m = args.depth_scale_m.or(job.depth_scale_m);
     job.camera_mm = args.camera.or(job.camera_mm);
     job.frame = args.frame.or(job.frame);
+    job.mesh_as = args.mesh_as.or(job.mesh_as);
 }
 
 /// What it says of where seams are asked for, what is no work, and which seams are welded.

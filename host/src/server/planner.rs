@@ -121,8 +121,8 @@ fn search(session: &Session, job: &Job, stop: &AtomicBool) -> Result<Arc<Searche
         Err(Error::Plan(error @ PlanError::Touch(_))) => {
             Err(told(error, "take the touch out of the job, or name its seam"))
         }
-        Err(Error::Plan(error @ PlanError::NoSeam { .. })) => {
-            let seen = report::without_seams(&watch.recording, job, &error.to_string());
+        Err(Error::Plan(error @ (PlanError::NoSeam { .. } | PlanError::TooSparse { .. }))) => {
+            let seen = report::without_seams(&watch.recording, job, &error);
             write(&session.workplace, &seen)?;
             if let Some(page) = seen.first() {
                 let html = String::from_utf8_lossy(&page.bytes).into();

@@ -12,7 +12,7 @@ use weldpath::evaluation::{Options, PathSet, Truth};
 use weldpath::geometry::cloud::{Merged, PointCloud};
 use weldpath::geometry::grid::Grid;
 use weldpath::model::downsampling::Voxels;
-use weldpath::pipeline::{Evidence, Plan};
+use weldpath::pipeline::{Evidence, Plan, PlanError};
 use weldpath::report::{self, Recording};
 use weldpath::run::job::Job;
 use weldpath::run::postprocessing::postprocess;
@@ -84,8 +84,8 @@ fn report(plan: &Plan, job: &str) -> [String; 2] {
 
 #[test]
 fn a_run_without_a_seam_shows_the_cloud_and_names_what_was_rejected() {
-    let files =
-        report::without_seams(&recording(&pipe_on_plate(3000)), &Job::default(), "no seam found: thin");
+    let error = PlanError::NoSeam { reason: "thin".into() };
+    let files = report::without_seams(&recording(&pipe_on_plate(3000)), &Job::default(), &error);
     let page = String::from_utf8(files[0].bytes.clone()).unwrap();
     let block = page.split("id=\"content\">").nth(1).unwrap().split("</script>").next().unwrap();
     let content: Value = serde_json::from_str(block).unwrap();

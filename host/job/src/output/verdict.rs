@@ -90,6 +90,8 @@ reasons! {
     BeyondScan => "beyond-scan", Refused;
     /// Nothing was found that could be welded.
     NoSeam => "no-seam", Refused;
+    /// No seam was found, and the points are too far apart to show one.
+    Sparse => "sparse", Refused;
     /// The tip would be inside the work.
     TipInside => "tip-inside", Refused;
     /// The arm cannot run the program.
@@ -102,6 +104,8 @@ reasons! {
     HandEyeUntested => "hand-eye-untested", Check;
     /// Nothing says where the robot's base is: a mesh, or a cloud merged elsewhere.
     FrameUnknown => "frame-unknown", Check;
+    /// Nothing tells whether a mesh was drawn or scanned; it is taken as a scan.
+    CadOrScan => "cad-or-scan", Check;
     /// Nothing tells which side of the faces is air; the one seen from above is taken.
     SideAssumed => "side-assumed", Check;
     /// The tool is not stated, so that the controller's own setting holds.

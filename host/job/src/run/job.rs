@@ -43,7 +43,7 @@ use robot::{RobotSettings, TorchBodySettings};
 use scan::ScanSettings;
 use touch::TouchSettings;
 use weldpath_files::reading;
-use weldpath_method::input::{CameraPosition, Intrinsics, StatedFrame, Units};
+use weldpath_method::input::{CameraPosition, Intrinsics, MeshAs, StatedFrame, Units};
 use weldpath_method::pipeline::{self, Method};
 use weldpath_method::seam::Joint;
 use weldpath_method::weld::recipe::Recipe;
@@ -72,6 +72,9 @@ pub struct Job {
     /// Whose frame the coordinates of a cloud are in that does not tell.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub frame: Option<StatedFrame>,
+    /// Whether a file with faces is exact CAD or a scan, where its data do not say it.
+    #[serde(rename = "as", skip_serializing_if = "Option::is_none")]
+    pub mesh_as: Option<MeshAs>,
     /// How seams are found.
     pub method: Method,
     /// Threshold `t` of eq. (16), for the method of the paper.

@@ -81,6 +81,8 @@ fn of_doubts(scan: &Scan) -> Vec<Finding> {
         DoubtKind::Angles => ReasonId::Angles,
         DoubtKind::DepthScale => ReasonId::DepthScale,
         DoubtKind::Direction => ReasonId::TransformInverted,
+        DoubtKind::Frame => ReasonId::FrameUnknown,
+        DoubtKind::CadOrScan => ReasonId::CadOrScan,
     };
     scan.doubts.iter().map(|one| Finding::new(doubt(one.kind), one.words.clone())).collect()
 }

@@ -79,6 +79,15 @@ pub struct Mesh {
 impl Mesh {
     /// Welds a soup. `rounding_mm` is what the file's numbers cannot tell apart; none if nothing with an area is left.
     pub fn weld(corners: &[Point3<f64>], triangles: &[[usize; 3]], rounding_mm: f64) -> Option<Self> {
+        Self::stitched(corners, triangles, rounding_mm).map(Self::with_faces)
+    }
+
+    /// The same before facets are joined to faces and their sides are found.
+    pub(crate) fn stitched(
+        corners: &[Point3<f64>],
+        triangles: &[[usize; 3]],
+        rounding_mm: f64,
+    ) -> Option<Self> {
         let diagonal_mm = diagonal(corners.iter());
         let weld_mm = (WELD_SHARE * diagonal_mm).min(MOST_WELD_MM).max(4.0 * rounding_mm);
         let (vertices, vertex_of) = welded(corners, weld_mm);
@@ -90,11 +99,14 @@ impl Mesh {
         let edges = edges(&facets);
         let tree = Tree::new(&facets.iter().map(|f| f.map(|i| vertices[i as usize])).collect::<Vec<_>>());
         let sides = vec![Side::Both; facets.len()];
-        let mut mesh =
-            Self { vertices, facets, normals, sides, face_of: vec![], faces: vec![], edges, tree, weld_mm };
-        mesh.join_faces();
-        mesh.sides = shell::sides(&mesh);
-        Some(mesh)
+        Some(Self { vertices, facets, normals, sides, face_of: vec![], faces: vec![], edges, tree, weld_mm })
+    }
+
+    /// With the faces that the facets make, and the side of each on which there is air.
+    pub(crate) fn with_faces(mut self) -> Self {
+        self.join_faces();
+        self.sides = shell::sides(&self);
+        self
     }
 
     /// Corners of a facet.
@@ -120,15 +132,6 @@ impl Mesh {
         let opposite = self.facets[facet as usize].into_iter().find(|i| !edge.ends.contains(i));
         let to = self.vertices[opposite.unwrap_or(edge.ends[0]) as usize] - a;
         (to - along * to.dot(&along)).try_normalize(0.0).unwrap_or(self.normals[facet as usize])
-    }
-
-    /// Whether the mesh is so large and fine that it was scanned rather than drawn: its corners then are rounded over
-    /// several facets.
-    pub(crate) fn is_scan(&self) -> bool {
-        const FACETS: usize = 20_000;
-        const FACET_MM2: f64 = 4.0;
-        let area: f64 = (0..self.facets.len() as u32).map(|f| self.area_mm2(f)).sum();
-        self.facets.len() > FACETS && area < FACET_MM2 * self.facets.len() as f64
     }
 
     /// Largest extent, mm.

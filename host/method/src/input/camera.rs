@@ -21,6 +21,12 @@ pub struct Distortion {
     pub p2: f64,
     /// Radial, of the sixth power.
     pub k3: f64,
+    /// Radial in the divisor (OpenCV's rational model), of the second power.
+    pub k4: f64,
+    /// Of the fourth.
+    pub k5: f64,
+    /// Of the sixth.
+    pub k6: f64,
 }
 
 /// Steps of Newton's method; from the distorted slopes a lens of 120 degrees takes six.
@@ -35,11 +41,13 @@ impl Distortion {
 
     /// Slopes as the lens shows them, and the Jacobian: d(x)/dx, d(x)/dy, d(y)/dx, d(y)/dy.
     fn distorted(&self, [x, y]: [f64; 2]) -> ([f64; 2], [f64; 4]) {
-        let Self { k1, k2, p1, p2, k3 } = *self;
+        let Self { k1, k2, p1, p2, k3, k4, k5, k6 } = *self;
         let r2 = x * x + y * y;
-        let radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
+        let (over, under) = (1.0 + r2 * (k1 + r2 * (k2 + r2 * k3)), 1.0 + r2 * (k4 + r2 * (k5 + r2 * k6)));
+        let radial = over / under;
         // By r2.
-        let slope = k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3);
+        let rise = |a: f64, b: f64, c: f64| a + r2 * (2.0 * b + r2 * 3.0 * c);
+        let slope = (rise(k1, k2, k3) - radial * rise(k4, k5, k6)) / under;
         let shown = [
             x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
             y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
@@ -104,8 +112,11 @@ impl TryFrom<Vec<f64>> for Intrinsics {
             })?,
         };
         let [fx, fy, cx, cy, k1, k2, p1, p2, k3] = numbers;
-        let intrinsics =
-            Self { focal_px: [fx, fy], centre_px: [cx, cy], distortion: Distortion { k1, k2, p1, p2, k3 } };
+        let intrinsics = Self {
+            focal_px: [fx, fy],
+            centre_px: [cx, cy],
+            distortion: Distortion { k1, k2, p1, p2, k3, ..Distortion::default() },
+        };
         let camera = Camera::new([1, 1], &intrinsics, 0.001);
         camera.number_fault().map_or(Ok(intrinsics), |(field, problem)| Err(format!("{field}: {problem}")))
     }
@@ -115,7 +126,7 @@ impl From<Intrinsics> for Vec<f64> {
     fn from(Intrinsics { focal_px, centre_px, distortion }: Intrinsics) -> Self {
         let mut numbers = [focal_px, centre_px].concat();
         if !distortion.is_none() {
-            let Distortion { k1, k2, p1, p2, k3 } = distortion;
+            let Distortion { k1, k2, p1, p2, k3, .. } = distortion;
             numbers.extend([k1, k2, p1, p2, k3]);
         }
         numbers
@@ -212,13 +223,14 @@ impl Camera {
     }
 
     fn number_fault(&self) -> Option<(&'static str, String)> {
-        let Distortion { k1, k2, p1, p2, k3 } = self.distortion;
+        let Distortion { k1, k2, p1, p2, k3, k4, k5, k6 } = self.distortion;
         let focal = [("fx", self.fx), ("fy", self.fy)].into_iter().find(|(_, v)| !PIXELS.contains(v));
         let centre =
             [("cx", self.cx), ("cy", self.cy)].into_iter().find(|(_, v)| !PIXELS.contains(&v.abs().max(1.0)));
-        let lens = [("k1", k1), ("k2", k2), ("p1", p1), ("p2", p2), ("k3", k3)]
-            .into_iter()
-            .find(|(_, v)| v.is_nan() || v.abs() > LARGEST_COEFFICIENT);
+        let lens =
+            [("k1", k1), ("k2", k2), ("p1", p1), ("p2", p2), ("k3", k3), ("k4", k4), ("k5", k5), ("k6", k6)]
+                .into_iter()
+                .find(|(_, v)| v.is_nan() || v.abs() > LARGEST_COEFFICIENT);
         if let Some((name, value)) = focal.or(centre) {
             Some((name, format!("{value} is no number of pixels that a lens could have")))
         } else if let Some((name, value)) = lens {
@@ -310,19 +322,22 @@ mod tests {
     use super::*;
 
     /// Of a D415 as its calibration prints it, and of a wide lens with a strong barrel.
-    const LENSES: [Distortion; 2] = [
-        Distortion { k1: 0.147, k2: -0.484, p1: 0.0008, p2: -0.0006, k3: 0.442 },
-        Distortion { k1: -0.28, k2: 0.07, p1: -0.0004, p2: 0.0011, k3: 0.0 },
+    const LENSES: [Distortion; 3] = [
+        Distortion { k1: 0.147, k2: -0.484, p1: 0.0008, p2: -0.0006, k3: 0.442, k4: 0.0, k5: 0.0, k6: 0.0 },
+        Distortion { k1: -0.28, k2: 0.07, p1: -0.0004, p2: 0.0011, k3: 0.0, k4: 0.0, k5: 0.0, k6: 0.0 },
+        // The order of size of an Azure Kinect's depth camera.
+        Distortion { k1: 5.3, k2: 3.5, p1: -0.00007, p2: -0.00002, k3: 0.18, k4: 5.6, k5: 5.3, k6: 0.93 },
     ];
 
     #[test]
     fn a_ray_is_found_where_the_formula_of_opencv_shows_it() {
-        for Distortion { k1, k2, p1, p2, k3 } in LENSES {
-            let lens = Distortion { k1, k2, p1, p2, k3 };
+        for lens in LENSES {
+            let Distortion { k1, k2, p1, p2, k3, k4, k5, k6 } = lens;
             for step in 0..400 {
                 let (x, y) = (f64::from(step % 20) * 0.06 - 0.57, f64::from(step / 20) * 0.045 - 0.43);
                 let r = x.hypot(y);
-                let radial = 1.0 + k1 * r.powi(2) + k2 * r.powi(4) + k3 * r.powi(6);
+                let under = 1.0 + k4 * r.powi(2) + k5 * r.powi(4) + k6 * r.powi(6);
+                let radial = (1.0 + k1 * r.powi(2) + k2 * r.powi(4) + k3 * r.powi(6)) / under;
                 let shown = [
                     x * radial + 2.0 * p1 * x * y + p2 * (r * r + 2.0 * x * x),
                     y * radial + p1 * (r * r + 2.0 * y * y) + 2.0 * p2 * x * y,
@@ -348,7 +363,8 @@ mod tests {
         assert_eq!((four.focal_px, four.centre_px), ([600.0, 601.0], [320.5, -4.0]));
         assert!(four.distortion.is_none());
         let nine = read("600,600,320,240,0.1,-0.2,0.001,0.002,0.05").expect("nine");
-        assert_eq!(nine.distortion, Distortion { k1: 0.1, k2: -0.2, p1: 0.001, p2: 0.002, k3: 0.05 });
+        let lens = Distortion { k1: 0.1, k2: -0.2, p1: 0.001, p2: 0.002, k3: 0.05, ..Distortion::default() };
+        assert_eq!(nine.distortion, lens);
         assert_eq!(Intrinsics::try_from(Vec::from(nine)), Ok(nine));
         assert_eq!(read("600,600,320,240,0.1,-0.2,0.001,0.002").expect("eight").distortion.k3, 0.0);
         for (text, part) in [

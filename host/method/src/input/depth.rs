@@ -22,7 +22,7 @@ pub(super) const PRIMESENSE: Camera = Camera {
     cx: 319.5,
     cy: 239.5,
     depth_scale_m: 0.001,
-    distortion: Distortion { k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0, k3: 0.0 },
+    distortion: Distortion { k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0, k3: 0.0, k4: 0.0, k5: 0.0, k6: 0.0 },
 };
 
 /// The largest count: farther than the camera measures, or nothing at all.
@@ -200,7 +200,8 @@ mod tests {
 
     #[test]
     fn a_distorted_image_of_a_wall_is_a_wall() {
-        let distortion = Distortion { k1: -0.2, k2: 0.05, p1: 0.001, p2: -0.002, k3: 0.01 };
+        let distortion =
+            Distortion { k1: -0.2, k2: 0.05, p1: 0.001, p2: -0.002, k3: 0.01, ..Distortion::default() };
         let camera = Camera { fx: 3.0, fy: 3.0, distortion, ..CAMERA };
         let points = points_mm(&grey(&[1000; 6]), &Rays::new(camera), Path::new("d.png")).unwrap();
         for (k, p) in points.iter().enumerate() {

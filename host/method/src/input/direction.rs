@@ -18,7 +18,7 @@ const HELD: usize = 25_000;
 /// Views that are looked at.
 const VIEWS: usize = 8;
 /// As far apart as this the given way fits: kinematic poses are off by a few mm.
-const FITS_MM: f64 = 5.0;
+pub(super) const FITS_MM: f64 = 5.0;
 /// So many times better another way must be.
 const CLEARLY: f64 = 2.5;
 /// So many times better, and the given way round is refused: the path would be somewhere else.
@@ -48,17 +48,12 @@ pub(super) fn better(
     base_from_flange: &[Isometry3<f64>],
     flange_from_camera: &Isometry3<f64>,
 ) -> Option<Better> {
-    let step = views.len().div_ceil(VIEWS).max(1);
-    let clouds: Vec<Cells> = views.par_iter().step_by(step).map(Cells::new).collect();
-    let poses: Vec<&Isometry3<f64>> = base_from_flange.iter().step_by(step).collect();
-    if clouds.len() < 2 {
-        return None;
-    }
+    let trial = Trial::new(views, 1.0)?;
     let apart_mm = |invert_hand_eye: bool, invert_poses: bool| {
         let hand_eye = if invert_hand_eye { flange_from_camera.inverse() } else { *flange_from_camera };
         let camera =
-            |pose: &&Isometry3<f64>| if invert_poses { pose.inverse() * hand_eye } else { *pose * hand_eye };
-        apart_mm(&clouds, &poses.iter().map(camera).collect::<Vec<_>>())
+            |pose: &Isometry3<f64>| if invert_poses { pose.inverse() * hand_eye } else { pose * hand_eye };
+        trial.apart_mm(&base_from_flange.iter().map(camera).collect::<Vec<_>>())
     };
     let given_mm = apart_mm(false, false);
     if given_mm <= FITS_MM {
@@ -73,6 +68,27 @@ pub(super) fn better(
     let tried = [(true, false), (false, true), (true, true)].map(other);
     let best = tried.into_iter().min_by(|a, b| a.better_mm.total_cmp(&b.better_mm))?;
     (best.better_mm <= FITS_MM && best.times() >= CLEARLY).then_some(best)
+}
+
+/// Views that are held against each other.
+pub(super) struct Trial {
+    clouds: Vec<Cells>,
+    step: usize,
+}
+
+impl Trial {
+    /// Of views whose points are `scale` times as far from their cameras; none of a single view.
+    pub(super) fn new(views: &[View], scale: f32) -> Option<Self> {
+        let step = views.len().div_ceil(VIEWS).max(1);
+        let clouds: Vec<Cells> = views.par_iter().step_by(step).map(|view| Cells::new(view, scale)).collect();
+        (clouds.len() > 1).then_some(Self { clouds, step })
+    }
+
+    /// How far the views are apart where their cameras have these poses, one for each view, mm.
+    pub(super) fn apart_mm(&self, base_from_camera: &[Isometry3<f64>]) -> f64 {
+        let poses: Vec<_> = base_from_camera.iter().step_by(self.step).copied().collect();
+        apart_mm(&self.clouds, &poses)
+    }
 }
 
 /// Median over the pairs of neighbouring views, and of each with the first, of how far the nearer part of one lies from the
@@ -98,9 +114,10 @@ struct Cells {
 }
 
 impl Cells {
-    fn new(view: &View) -> Self {
+    fn new(view: &View, scale: f32) -> Self {
         let every = |count: usize| -> Vec<Point3<f32>> {
-            view.points_mm.iter().step_by((view.points_mm.len() / count).max(1)).copied().collect()
+            let step = (view.points_mm.len() / count).max(1);
+            view.points_mm.iter().step_by(step).map(|p| p * scale).collect()
         };
         Self { grid: crate::geometry::grid::Grid::new(&every(HELD), CELL_MM), asked: every(ASKED) }
     }

@@ -36,6 +36,10 @@ pub enum DoubtKind {
     DepthScale,
     /// The direction of a transform: it, or its inverse.
     Direction,
+    /// Whose the coordinates are.
+    Frame,
+    /// Whether a mesh was drawn or scanned.
+    CadOrScan,
 }
 
 /// A doubt in words; the same words are among the scan's warnings.

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::raw::Raw;
 use super::records::Records;
-use super::{Error, Options, Scan, depth, mesh, stl, text};
+use super::{Error, Options, Scan, depth, mesh, npy, stl, text, vtk};
 
 /// How a file is known, and what reads it.
 #[derive(Clone, Copy)]
@@ -116,6 +116,20 @@ const FORMATS: &[Format] = &[
         reader: Reader::LeftOut("pcd"),
     },
     Format {
+        name: "NumPy",
+        extensions: &["npy"],
+        mark: |head| head.starts_with(npy::MARK),
+        first_line: never,
+        reader: Reader::Points { parse: |bytes, path| npy::parse(&bytes, path), records: None },
+    },
+    Format {
+        name: "VTK",
+        extensions: &["vtk"],
+        mark: |head| head.starts_with(vtk::MARK),
+        first_line: never,
+        reader: Reader::Points { parse: |bytes, path| vtk::parse(&bytes, path), records: None },
+    },
+    Format {
         name: "STL",
         extensions: &["stl"],
         mark: |bytes| stl::is_binary(bytes) || stl::is_text(bytes),
@@ -194,9 +208,9 @@ pub(super) fn help(path: &Path) -> &'static str {
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
     match extension.as_str() {
         "las" | "laz" | "e57" => "It does not begin as such a file does: export it again, or as PLY or PCD.",
-        "step" | "stp" | "iges" | "igs" | "3mf" | "glb" | "gltf" => "Export the mesh as STL or OBJ.",
-        "jpg" | "jpeg" | "tif" | "tiff" | "exr" => "Depth images are read as 16-bit greyscale PNG.",
-        _ => "Read are PLY, PCD, XYZ/CSV, STL, OBJ, 16-bit depth PNG, or a folder with scan.json.",
+        _ => {
+            "Read are PLY, PCD, XYZ/CSV, STL, OBJ, legacy VTK, .npy, 16-bit depth PNG, or a folder with scan.json."
+        }
     }
 }
 

@@ -28,6 +28,67 @@ pub(super) fn camera_of(raw: &Raw, extent: &Extent, notes: &mut Vec<String>) -> 
     among(raw.viewpoint.into_iter().filter(|at| *at != origin).chain([origin]), raw, extent, notes)
 }
 
+/// Whether a cloud of unknown frame may yet be in that of its camera.
+pub(super) enum Suspicion {
+    None,
+    /// Its user is asked.
+    May(&'static str),
+    /// Its pixels are those of a camera at the origin that faces along x, as ROS turns cameras.
+    Is,
+}
+
+/// What no camera that faces along z explains.
+pub(super) fn suspicion(raw: &Raw) -> Suspicion {
+    let origin = Vector3::zeros();
+    let ahead = || raw.positions.sample(SAMPLE).iter().all(|p| p.x > 0.0);
+    if raw.positions.len() >= FEWEST && ahead() && evidence_along(raw, origin, &Vector3::x()).is_ok() {
+        let rays = raw.positions.sample(LATTICE_SAMPLE);
+        return if is_lattice(&pictured(&rays, &Vector3::x()), raw.positions.len()) {
+            Suspicion::Is
+        } else {
+            Suspicion::May(
+                "it could be what a camera at the origin sees that faces along x, as ROS turns cameras",
+            )
+        };
+    }
+    match raw.names_camera && raw.viewpoint == Some(origin) {
+        true => Suspicion::May("its file names a camera at the origin"),
+        false => Suspicion::None,
+    }
+}
+
+/// Points whose pixels are sought.
+const LATTICE_SAMPLE: usize = 3000;
+
+/// Whether the points of a picture lie in rows and columns of one width, as pixels do. A picture that was taken from elsewhere has
+/// its own rows, of another width at each place.
+fn is_lattice(image: &[[f64; 3]], points: usize) -> bool {
+    /// Pixels of the picture may be missing: their width is sought in this range about the mean spacing.
+    const RANGE: [f64; 2] = [0.4, 1.3];
+    /// Share of a pixel by which the last of a thousand columns may be off.
+    const OFF: f64 = 0.2;
+    const COLUMNS: f64 = 1000.0;
+    /// Mean resultant of the places within a pixel: 1 on a lattice, 1/50 at random, and not above 1/10 at any of 6000 widths.
+    const CLEAR: f64 = 0.5;
+    let spacing = angular_spacing(image) * (image.len() as f64 / points as f64).sqrt();
+    let concentrated = |axis: usize| {
+        let resultant = |width: f64| {
+            let turn = |p: &[f64; 3]| std::f64::consts::TAU * p[axis] / width;
+            let (cos, sin) = image.iter().map(turn).fold((0.0, 0.0), |(c, s), a| (c + a.cos(), s + a.sin()));
+            f64::hypot(cos, sin) / image.len() as f64
+        };
+        let mut width = RANGE[0] * spacing;
+        while width < RANGE[1] * spacing {
+            if resultant(width) > CLEAR {
+                return true;
+            }
+            width *= 1.0 + OFF / COLUMNS;
+        }
+        false
+    };
+    spacing > 0.0 && spacing.is_finite() && concentrated(0) && concentrated(1)
+}
+
 /// The same of a cloud in the base frame of a robot: no camera stands in the robot's foot.
 pub(super) fn camera_in_base(raw: &Raw, extent: &Extent, notes: &mut Vec<String>) -> Option<Vector3<f64>> {
     among(raw.viewpoint.into_iter().filter(|at| *at != Vector3::zeros()), raw, extent, notes)
@@ -62,24 +123,30 @@ fn evidence(raw: &Raw, at: Vector3<f64>, extent: &Extent) -> Result<String, Stri
     if n < FEWEST {
         return Err(format!("{n} points prove nothing"));
     }
-    let mut rays = raw.positions.sample(SAMPLE);
-    rays.iter_mut().for_each(|ray| *ray -= at);
+    let rays: Vec<Vector3<f64>> = raw.positions.sample(SAMPLE).iter().map(|p| p - at).collect();
     let axis = optical_axis(&rays, at, extent)?;
-    let nearest = rays.iter().map(|ray| ray.dot(&axis)).fold(f64::INFINITY, f64::min);
-    let outside = share(&rays, |ray| ray.dot(&axis) < LEAST_COSINE * ray.norm());
+    evidence_along(raw, at, &axis)
+}
+
+/// The same of a camera that faces along `axis`.
+fn evidence_along(raw: &Raw, at: Vector3<f64>, axis: &Vector3<f64>) -> Result<String, String> {
+    let n = raw.positions.len();
+    let rays: Vec<Vector3<f64>> = raw.positions.sample(SAMPLE).iter().map(|p| p - at).collect();
+    let nearest = rays.iter().map(|ray| ray.dot(axis)).fold(f64::INFINITY, f64::min);
+    let outside = share(&rays, |ray| ray.dot(axis) < LEAST_COSINE * ray.norm());
     if nearest <= 0.0 || outside > 0.0 {
         return Err(format!(
             "{:.1} % of the points are outside a field of view of 100 degrees",
             100.0 * outside
         ));
     }
-    let image = pictured(&rays, &axis);
+    let image = pictured(&rays, axis);
     let hidden = hidden_share(&image);
     if hidden > TOLERATED {
         return Err(format!("{:.1} % of the points would be hidden by others", 100.0 * hidden));
     }
     let all: Vec<Vector3<f64>> = raw.positions.sample(n).iter().map(|p| p - at).collect();
-    match evenness(&pictured(&all, &axis)) >= LEAST_EVEN {
+    match evenness(&pictured(&all, axis)) >= LEAST_EVEN {
         true => Ok(format!("one depth per ray for all but {:.1} % of the points", 100.0 * hidden)),
         false => Err("its picture is no grid of pixels, but several over each other".into()),
     }
@@ -238,6 +305,25 @@ mod tests {
     fn a_workpiece_beside_the_robot_was_not_seen_from_its_base() {
         let beside = box_on_table().iter().map(|p| Point3::new(p.x + 700.0, p.y, 600.0 - p.z)).collect();
         assert!(decided(beside, None).0.is_none());
+    }
+
+    #[test]
+    fn a_camera_that_faces_along_x_is_known_by_its_pixels_and_a_turned_one_is_not() {
+        let judged = |points: Vec<Point3<f64>>| suspicion(&Raw::from(Positions::Double(points)));
+        let forward = |p: &Point3<f64>| Point3::new(p.z, -p.x, -p.y);
+        assert!(matches!(judged(box_on_table().iter().map(forward).collect()), Suspicion::Is));
+        // Of the table beside the robot: rows, but not those of a camera in the robot's foot.
+        let tilt = nalgebra::Rotation3::from_euler_angles(0.2, 0.9, 0.1);
+        let table =
+            |p: &Point3<f64>| tilt * Point3::new(p.x, p.y, 600.0 - p.z) + Vector3::new(700.0, 40.0, -60.0);
+        assert!(!matches!(judged(box_on_table().iter().map(table).collect()), Suspicion::Is));
+        assert!(matches!(judged(box_on_table()), Suspicion::None));
+        let named = Raw {
+            names_camera: true,
+            viewpoint: Some(Vector3::zeros()),
+            ..Raw::from(Positions::Double(box_on_table()))
+        };
+        assert!(matches!(suspicion(&named), Suspicion::May(_)));
     }
 
     #[test]

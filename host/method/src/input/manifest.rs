@@ -7,13 +7,16 @@
 
 use std::path::{Component, Path, PathBuf};
 
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 use serde::Deserialize;
 use serde_json::Value;
 
 use super::camera::{Camera, Rays};
 use super::depth;
+use super::direction::Trial;
+use super::misreading::{self, Reading, Told};
+use super::transform::Mount;
 use super::units::Unit;
 use super::{
     CloudFrame, Doubt, DoubtKind, Error, Options, Scan, direction, name_of, parsed, read_at_most, read_file,
@@ -26,10 +29,33 @@ pub(super) const NAME: &str = "scan.json";
 
 const KEYS: &[&str] =
     &["units", "camera", "flange_from_camera", "camera_from_flange", "flange_from_tcp", "views"];
-const CAMERA_KEYS: &[&str] =
-    &["width", "height", "fx", "fy", "cx", "cy", "depth_scale_m", "k1", "k2", "p1", "p2", "k3"];
-const VIEW_KEYS: &[&str] =
-    &["depth", "cloud", "frame", "camera_m", "base_from_flange", "flange_from_base", "base_from_tcp"];
+const CAMERA_KEYS: &[&str] = &[
+    "width",
+    "height",
+    "fx",
+    "fy",
+    "cx",
+    "cy",
+    "depth_scale_m",
+    "k1",
+    "k2",
+    "p1",
+    "p2",
+    "k3",
+    "k4",
+    "k5",
+    "k6",
+];
+const VIEW_KEYS: &[&str] = &[
+    "depth",
+    "cloud",
+    "frame",
+    "camera_m",
+    "base_from_flange",
+    "flange_from_base",
+    "base_from_tcp",
+    "base_from_camera",
+];
 
 /// Farther from its base no flange is, mm; beyond it the unit is wrong.
 const LONGEST_REACH_MM: f64 = 50_000.0;
@@ -63,6 +89,7 @@ struct Entry {
     base_from_flange: Option<Value>,
     flange_from_base: Option<Value>,
     base_from_tcp: Option<Value>,
+    base_from_camera: Option<Value>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
@@ -76,7 +103,12 @@ impl Manifest {
     /// Whose frame the views are put into: without any pose they stay in that of their camera.
     fn frame(&self) -> CloudFrame {
         let posed = |entry: &Entry| {
-            let poses = [&entry.base_from_flange, &entry.flange_from_base, &entry.base_from_tcp];
+            let poses = [
+                &entry.base_from_flange,
+                &entry.flange_from_base,
+                &entry.base_from_tcp,
+                &entry.base_from_camera,
+            ];
             entry.frame == Some(Frame::Base) || poses.into_iter().any(Option::is_some)
         };
         if self.views.iter().any(posed) { CloudFrame::Base } else { CloudFrame::Camera }
@@ -107,7 +139,7 @@ pub(super) fn read(path: &Path, options: &Options) -> Result<Scan, Error> {
         return Err(Error::empty(path, format!("none of its {} views sees anything", manifest.views.len())));
     }
     scan.doubts = doubts(&manifest, &scan.views);
-    check_direction(&manifest, hand_eye, &mut scan, path)?;
+    check_direction(&manifest, unit, hand_eye, &mut scan, path)?;
     scan.warnings.extend(scan.doubts.iter().map(|doubt| doubt.words.clone()));
     Ok(scan)
 }
@@ -179,7 +211,10 @@ fn refuse_outside(manifest: &Manifest, path: &Path) -> Result<(), Error> {
         .filter_map(|(key, value)| Some((key.to_owned(), Path::new(value.as_ref()?.as_str()?))));
     let files = manifest.views.iter().enumerate().flat_map(|(i, view)| {
         let named = [("depth", &view.depth), ("cloud", &view.cloud)];
-        named.into_iter().filter_map(move |(key, name)| Some((format!("views[{i}].{key}"), name.as_deref()?)))
+        let named = named.into_iter().filter_map(|(key, name)| Some((key, name.as_deref()?)));
+        let fixed = view.base_from_camera.as_ref().and_then(Value::as_str).map(Path::new);
+        let fixed = fixed.into_iter().map(|name| ("base_from_camera", name));
+        named.chain(fixed).map(move |(key, name)| (format!("views[{i}].{key}"), name))
     });
     match files.chain(eye).find(|(_, name)| !by_name(name) || by_link(name)) {
         Some((place, name)) => {
@@ -234,7 +269,7 @@ fn hand_eye(
         Some(name) => {
             let file = transform::file_beside(path, name);
             scan.inputs.push(file.clone());
-            transform::easy_handeye(&file)?
+            transform::of_file(&file, Mount::Flange)?
         }
         None => transform::parse(value, unit)
             .map_err(|(problem, help)| Error::malformed(path, key, problem, help))?,
@@ -274,7 +309,8 @@ impl Job<'_> {
     }
 
     fn bad<T>(&self, i: usize, field: &str, problem: impl Into<String>) -> Result<T, Error> {
-        let help = "A view is {\"depth\" or \"cloud\", \"base_from_flange\"} or {\"cloud\", \"frame\": \"base\", \"camera_m\"}";
+        let help = "A view is {\"depth\" or \"cloud\", \"base_from_flange\" or, of a camera on a stand, \"base_from_camera\"} or \
+                    {\"cloud\", \"frame\": \"base\", \"camera_m\"}";
         Err(Error::malformed(self.path, format!("views[{i}].{field}"), problem, help))
     }
 
@@ -322,6 +358,7 @@ impl Job<'_> {
         if entry.base_from_flange.is_some()
             || entry.flange_from_base.is_some()
             || entry.base_from_tcp.is_some()
+            || entry.base_from_camera.is_some()
         {
             return self.bad(i, "base_from_flange", "a cloud in the base frame has no use for a pose");
         }
@@ -359,6 +396,7 @@ impl Job<'_> {
             ("base_from_flange", &entry.base_from_flange),
             ("flange_from_base", &entry.flange_from_base),
             ("base_from_tcp", &entry.base_from_tcp),
+            ("base_from_camera", &entry.base_from_camera),
         ];
         let given: Vec<(&str, &Value)> =
             given.into_iter().filter_map(|(key, value)| Some((key, value.as_ref()?))).collect();
@@ -372,9 +410,12 @@ impl Job<'_> {
                 return self.bad(i, second, format!("{first} is given too; keep one of them"));
             }
         };
+        if key == "base_from_camera" {
+            return self.fixed_camera(i, value);
+        }
         let Some(flange_from_camera) = self.hand_eye else {
-            let help = "Add the hand-eye calibration, as a 4x4 matrix or the name of easy_handeye's file; the identity if \
-                        poses are the camera's";
+            let help = "Add the hand-eye calibration, as a 4x4 matrix or the name of its file; if the poses are the camera's, \
+                        call them base_from_camera";
             return Err(Error::malformed(self.path, "flange_from_camera", "it is missing", help));
         };
         let place = format!("views[{i}].{key}");
@@ -387,6 +428,19 @@ impl Job<'_> {
             _ => pose,
         };
         Ok(base_from_flange * flange_from_camera)
+    }
+
+    /// The pose of a camera that stands beside the robot, or is known however it moves; a string is the name of a file beside
+    /// scan.json.
+    fn fixed_camera(&self, i: usize, value: &Value) -> Result<Isometry3<f64>, Error> {
+        let place = format!("views[{i}].base_from_camera");
+        let pose = match value.as_str() {
+            Some(name) => transform::of_file(&transform::file_beside(self.path, name), Mount::Stand)?,
+            None => transform::parse(value, self.unit)
+                .map_err(|(problem, help)| Error::malformed(self.path, place, problem, help))?,
+        };
+        self.check_reach(i, "base_from_camera", pose.translation.vector)?;
+        Ok(pose)
     }
 
     /// What the controller's TCP is set to, the other way round.
@@ -422,15 +476,18 @@ impl Job<'_> {
 /// Refuses, or warns of, a hand-eye transform or poses that fit much better the other way round.
 fn check_direction(
     manifest: &Manifest,
+    unit: Unit,
     hand_eye: Option<Isometry3<f64>>,
     scan: &mut Scan,
     path: &Path,
 ) -> Result<(), Error> {
-    let in_base = |entry: &Entry| entry.frame == Some(Frame::Base);
+    let in_base = |entry: &Entry| entry.frame == Some(Frame::Base) || entry.base_from_camera.is_some();
     let Some(hand_eye) = hand_eye.filter(|_| !manifest.views.iter().any(in_base)) else { return Ok(()) };
     let flange = |view: &View| view.base_from_camera * hand_eye.inverse();
     let poses: Vec<Isometry3<f64>> = scan.views.iter().map(flange).collect();
-    let Some(found) = direction::better(&scan.views, &poses, &hand_eye) else { return Ok(()) };
+    let Some(found) = direction::better(&scan.views, &poses, &hand_eye) else {
+        return check_reading(manifest, unit, hand_eye, scan, path);
+    };
     let inverse =
         |key: &'static str, other: &'static str, given: bool| if given { [key, other] } else { [other, key] };
     let eye = inverse("flange_from_camera", "camera_from_flange", manifest.flange_from_camera.is_some());
@@ -456,6 +513,169 @@ fn check_direction(
     }
     scan.doubts.push(Doubt { kind: DoubtKind::Direction, words: problem });
     Ok(())
+}
+
+/// Refuses what is read otherwise than it was meant, where trying shows how it was meant.
+fn check_reading(
+    manifest: &Manifest,
+    unit: Unit,
+    hand_eye: Isometry3<f64>,
+    scan: &mut Scan,
+    path: &Path,
+) -> Result<(), Error> {
+    // A view that sees nothing is left out, and which pose belongs to which is not known then.
+    if scan.views.len() != manifest.views.len() {
+        return Ok(());
+    }
+    let given: Vec<Isometry3<f64>> = scan.views.iter().map(|view| view.base_from_camera).collect();
+    let readings = |trial: &Trial| readings(manifest, unit, hand_eye, &scan.views, trial);
+    match misreading::told(&scan.views, &given, readings) {
+        Told::Agree => Ok(()),
+        Told::One { problem, help } => Err(Error::malformed(path, "views", problem, help)),
+        Told::Several { problem } => {
+            let help = "Look up which of them it is: \"Which pose do you have?\" in docs/scan.md";
+            Err(Error::malformed(path, "views", problem, help))
+        }
+        Told::None { given_mm } => {
+            scan.notes.push(format!(
+                "the views are {given_mm:.1} mm apart as given, and none of the usual misreadings makes them agree: the inverse of \
+                 poses or hand-eye, a TCP for the flange, angles of other kinds, orders of quaternions and images, units of depth and \
+                 hand-eye"
+            ));
+            Ok(())
+        }
+    }
+}
+
+/// Other ways to read the poses, the hand-eye transform and the depths of these views.
+fn readings(
+    manifest: &Manifest,
+    unit: Unit,
+    hand_eye: Isometry3<f64>,
+    views: &[View],
+    trial: &Trial,
+) -> Vec<Reading> {
+    let given: Vec<Isometry3<f64>> = views.iter().map(|view| view.base_from_camera).collect();
+    let names: Vec<String> = views.iter().map(|view| view.name.clone()).collect();
+    let mut all = misreading::orders(&names, &given);
+    let eye = if manifest.flange_from_camera.is_some() { "flange_from_camera" } else { "camera_from_flange" };
+    // As the flange is, and with another hand-eye transform.
+    let flange: Vec<Isometry3<f64>> = given.iter().map(|camera| camera * hand_eye.inverse()).collect();
+    let with_eye = |eye: Isometry3<f64>| flange.iter().map(|pose| pose * eye).collect::<Vec<_>>();
+    let at_mm = hand_eye.translation.vector.norm();
+    if at_mm > 0.0 && at_mm < LEAST_MOUNT_MM {
+        let in_metres =
+            Isometry3::from_parts((hand_eye.translation.vector * 1000.0).into(), hand_eye.rotation);
+        let write = format!("Multiply the translation of {eye} by 1000: it is in `units`, as the poses are");
+        all.push(Reading::new(format!("the translation of {eye} is in metres"), write, with_eye(in_metres)));
+    }
+    let turned = Isometry3::from_parts(hand_eye.translation, hand_eye.rotation.inverse());
+    let write = format!("Write the matrix of {eye} row by row");
+    all.push(Reading::new(format!("the rotation of {eye} is transposed"), write, with_eye(turned)));
+    let half = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), std::f64::consts::PI);
+    let write =
+        "Save the images as the camera sees them, or turn its intrinsics and hand-eye transform with them";
+    all.push(Reading::new("the images are turned by 180 degrees", write, with_eye(hand_eye * half)));
+    if let Some(camera) = &manifest.camera {
+        for scale in [0.1, 10.0] {
+            let depth_scale_m = camera.depth_scale_m * scale;
+            let says = format!("each step of the images is {depth_scale_m} m");
+            let write = format!("Write \"depth_scale_m\": {depth_scale_m} in `camera`");
+            all.push(Reading { scale: scale as f32, ..Reading::new(says, write, given.clone()) });
+        }
+    }
+    all.extend(readings_of_poses(manifest, unit, hand_eye, &flange, trial));
+    all
+}
+
+/// Nearer to the flange no camera is, mm.
+const LEAST_MOUNT_MM: f64 = 5.0;
+
+fn readings_of_poses(
+    manifest: &Manifest,
+    unit: Unit,
+    hand_eye: Isometry3<f64>,
+    flange: &[Isometry3<f64>],
+    trial: &Trial,
+) -> Vec<Reading> {
+    let mut all = Vec::new();
+    let posed = |key: fn(&Entry) -> &Option<Value>| -> Option<Vec<&Value>> {
+        manifest.views.iter().map(|entry| key(entry).as_ref()).collect()
+    };
+    let (key, values) = if let Some(values) = posed(|entry| &entry.base_from_flange) {
+        ("base_from_flange", values)
+    } else if let Some(values) = posed(|entry| &entry.base_from_tcp) {
+        ("base_from_tcp", values)
+    } else if let Some(values) = posed(|entry| &entry.flange_from_base) {
+        ("flange_from_base", values)
+    } else {
+        return all;
+    };
+    let of_unit = unit.mm();
+    if key == "base_from_flange" {
+        let cameras = |mm: f64| -> Vec<Isometry3<f64>> {
+            flange.iter().map(|pose| pose * misreading::along_z(-mm) * hand_eye).collect()
+        };
+        let length_mm = misreading::tool(trial, &cameras);
+        let says =
+            format!("the poses are those of a tool's tip, {length_mm:.0} mm out along z, not of the flange");
+        let write = format!(
+            "Rename `base_from_flange` to `base_from_tcp`, and write \"flange_from_tcp\": [0, 0, {}, 0, 0, 0] if that is the TCP that \
+             is set",
+            length_mm / of_unit
+        );
+        all.push(Reading::new(says, write, cameras(length_mm)));
+    }
+    let tcp = manifest.flange_from_tcp.as_ref().and_then(|tcp| transform::parse(tcp, unit).ok());
+    let camera = |pose: Isometry3<f64>| match key {
+        "flange_from_base" => pose.inverse() * hand_eye,
+        "base_from_tcp" => pose * tcp.unwrap_or_default().inverse() * hand_eye,
+        _ => pose * hand_eye,
+    };
+    let mut push = |says: &str, write: String, poses: Option<Vec<Isometry3<f64>>>| {
+        let cameras = poses.map(|poses| poses.into_iter().map(camera).collect());
+        all.extend(cameras.map(|cameras| Reading::new(says, write, cameras)));
+    };
+    let six = |value: &Value| -> Option<[f64; 6]> {
+        if let Ok(six) = serde_json::from_value(value.clone()) {
+            return Some(six);
+        }
+        let three = |key: &str| serde_json::from_value::<[f64; 3]>(value.get(key)?.clone()).ok();
+        let ([x, y, z], [a, b, c]) = (three("xyz")?, three("rotation_vector_rad")?);
+        Some([x, y, z, a, b, c])
+    };
+    let pose =
+        |[x, y, z]: [f64; 3], turn| Isometry3::from_parts((Vector3::new(x, y, z) * of_unit).into(), turn);
+    if let Some(all_six) = values.iter().map(|value| six(value)).collect::<Option<Vec<_>>>() {
+        for k in 0..misreading::angles([0.0; 3]).len() {
+            let read = |[x, y, z, a, b, c]: [f64; 6]| pose([x, y, z], misreading::angles([a, b, c])[k].1);
+            let poses: Vec<_> = all_six.iter().copied().map(read).collect();
+            let (at, turn) = (all_six[0], poses[0].rotation.scaled_axis());
+            let write = format!(
+                "Write rotation vectors in rad: views[0] then has \"{key}\": [{}, {}, {}, {:.6}, {:.6}, {:.6}]",
+                at[0], at[1], at[2], turn.x, turn.y, turn.z
+            );
+            push(misreading::angles([0.0; 3])[k].0, write, Some(poses));
+        }
+    }
+    for [is, other] in [["quaternion_xyzw", "quaternion_wxyz"], ["quaternion_wxyz", "quaternion_xyzw"]] {
+        let renamed = |value: &&Value| {
+            let mut named = value.as_object()?.clone();
+            let quaternion = named.remove(is)?;
+            named.insert(other.into(), quaternion);
+            transform::parse(&Value::Object(named), unit).ok()
+        };
+        let says = format!("w is {} in the quaternions", if is.ends_with("xyzw") { "first" } else { "last" });
+        push(&says, format!("Rename {is} to {other}"), values.iter().map(renamed).collect());
+    }
+    let transposed = |value: &&Value| {
+        value.as_array().filter(|rows| matches!(rows.len(), 4 | 16))?;
+        let read = transform::parse(value, unit).ok()?;
+        Some(Isometry3::from_parts(read.translation, read.rotation.inverse()))
+    };
+    let says = format!("the rotations of {key} are transposed");
+    push(&says, "Write the matrices row by row".into(), values.iter().map(transposed).collect());
+    all
 }
 
 /// Warns of poses and depths that are possible, but probably in a wrong unit.

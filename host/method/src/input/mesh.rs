@@ -1,4 +1,5 @@
-//! Meshes: triangles become points spread evenly over their area, with the normals of their facets.
+//! Meshes. The triangles of a drawn one become points spread evenly over their area, with the normals of their facets; of a
+//! measured one the vertices are a scan.
 //!
 //! Points follow the R2 low-discrepancy sequence (Roberts 2018: plastic number), so that the same file gives the same
 //! cloud and no clump is mistaken for an edge.
@@ -9,8 +10,9 @@ use std::sync::Arc;
 use nalgebra::{Point3, Vector3};
 
 use super::extent::Extent;
+use super::measured::{self, Maker};
 use super::raw::{FARTHEST, Positions, Raw};
-use super::{Error, memory, name_of, translation, whole_mm};
+use super::{Doubt, DoubtKind, Error, MeshAs, memory, name_of, translation, whole_mm};
 use crate::geometry::cloud::View;
 use crate::geometry::mesh::Mesh;
 
@@ -18,6 +20,8 @@ use crate::geometry::mesh::Mesh;
 const MOST_POINTS: f64 = 400_000.0;
 /// Spacing as a share of the mesh's diagonal, where its own vertices are no denser.
 const SPACING_SHARE: f64 = 1.0 / 350.0;
+/// A last digit beyond this share of the diagonal is no rounding: numbers of a drawing are whole.
+const FEW_DIGITS: f64 = 1e-4;
 
 /// Reads an OBJ file; normals, textures, materials, lines and loose points are left.
 pub(super) fn parse_obj(bytes: &[u8], path: &Path) -> Result<Raw, Error> {
@@ -116,8 +120,122 @@ struct Facet {
     area: f64,
 }
 
+/// A file with faces, as it is understood.
+pub(super) enum Taken {
+    /// Drawn: exact.
+    Cad(Box<View>),
+    /// Measured: a cloud.
+    Scan(Box<Raw>),
+}
+
+/// Tells a drawn mesh from a measured one, unless that is said.
+pub(super) fn taken(
+    raw: Raw,
+    said: Option<MeshAs>,
+    extent: &Extent,
+    mm_per_unit: f64,
+    path: &Path,
+    notes: &mut Vec<String>,
+    doubts: &mut Vec<Doubt>,
+) -> Result<Taken, Error> {
+    let origin = whole_mm(extent.middle, mm_per_unit);
+    let mesh = stitched(&raw, extent, origin, mm_per_unit);
+    let pictured = || {
+        let camera = super::frame::camera_of(&raw, extent, &mut Vec::new());
+        camera.is_some_and(|at| measured::is_picture(&raw, at))
+    };
+    let maker = match (said, &mesh) {
+        (Some(MeshAs::Cad), _) | (None, None) => Maker::Drawn,
+        (Some(MeshAs::Scan), _) => Maker::Measured("as given".into()),
+        (None, Some(_)) if pictured() => Maker::Measured("its faces are the pixels of one picture".into()),
+        (None, Some((mesh, precision_mm))) => measured::maker(mesh, *precision_mm),
+    };
+    let why = match maker {
+        Maker::Drawn => {
+            let mesh = mesh.map(|(mesh, _)| Arc::new(mesh.with_faces()));
+            let view = sample(&raw, extent, mm_per_unit, path, notes)?;
+            return Ok(Taken::Cad(Box::new(View { mesh, ..view })));
+        }
+        Maker::Measured(why) => why,
+        Maker::Unclear(why) => {
+            let words = format!(
+                "{}: its data do not say whether this mesh was drawn or scanned ({why}): taken as a scan; say --as cad if it is CAD",
+                name_of(path)
+            );
+            doubts.push(Doubt { kind: DoubtKind::CadOrScan, words });
+            why
+        }
+    };
+    notes.push(format!("mesh of {} triangles taken as a scan ({why})", raw.triangles.len()));
+    let mesh = mesh.map(|(mesh, _)| mesh);
+    Ok(Taken::Scan(Box::new(cloud(raw, mesh.as_ref(), origin, mm_per_unit, extent))))
+}
+
+/// The vertices of a measured mesh. Where no camera is known they have the normals of their facets, and where they are too far
+/// apart for the search, points on the facets between them.
+fn cloud(raw: Raw, mesh: Option<&Mesh>, origin: Vector3<f64>, mm_per_unit: f64, extent: &Extent) -> Raw {
+    let vertices = Raw { triangles: Vec::new(), notes: Vec::new(), ..raw.clone() };
+    // A soup has each of its vertices several times.
+    let is_soup = raw.positions.len() == 3 * raw.triangles.len();
+    let Some(mesh) = mesh else { return vertices };
+    if !is_soup && super::frame::camera_of(&vertices, extent, &mut Vec::new()).is_some() {
+        return vertices;
+    }
+    let (mut points, mut normals) = (mesh.vertices.clone(), vertex_normals(mesh));
+    let spacing_mm = finest_mm(extent.diagonal * mm_per_unit);
+    let room = (MOST_POINTS as usize).saturating_sub(points.len()).max(1);
+    let area: f64 = (0..mesh.facets.len() as u32).map(|f| mesh.area_mm2(f)).sum();
+    let spacing_mm = spacing_mm.max((area / room as f64).sqrt());
+    for f in 0..mesh.facets.len() as u32 {
+        let [a, b, c] = mesh.corners(f);
+        let longest_mm = (b - a).norm().max((c - b).norm()).max((a - c).norm());
+        let parts = (longest_mm / spacing_mm).ceil() as usize;
+        let share = |k: usize| k as f64 / parts as f64;
+        // Corners are there, and each edge belongs to two facets: half of its points are enough.
+        let inside = (1..parts).flat_map(|i| (0..parts - i).map(move |j| (i, j)));
+        let added = inside.map(|(i, j)| a + (b - a) * share(i) + (c - a) * share(j));
+        points.extend(added);
+        normals.resize(points.len(), mesh.normals[f as usize]);
+    }
+    let in_file = |p: &Point3<f64>| p / mm_per_unit + origin;
+    let positions = Positions::Double(points.iter().map(in_file).collect());
+    let known = if is_wound_one_way(mesh) { normals } else { Vec::new() };
+    Raw { positions, normals: known.iter().map(|n| n.cast()).collect(), ..vertices }
+}
+
+/// Spacing below which points are of no use to the search, mm: its voxels are not smaller, and hold 1.3 spacings.
+fn finest_mm(diagonal_mm: f64) -> f64 {
+    (diagonal_mm / 120.0).min(1.2) / 1.3
+}
+
+/// Mean of the facets' normals at each vertex, by their area.
+fn vertex_normals(mesh: &Mesh) -> Vec<Vector3<f64>> {
+    let mut normals = vec![Vector3::zeros(); mesh.vertices.len()];
+    for (f, corners) in mesh.facets.iter().enumerate() {
+        let weighted = mesh.normals[f] * mesh.area_mm2(f as u32);
+        corners.iter().for_each(|&v| normals[v as usize] += weighted);
+    }
+    normals
+}
+
+/// Whether neighbours go round their common edge in opposite directions, so that their normals are on one side.
+fn is_wound_one_way(mesh: &Mesh) -> bool {
+    /// Of the edges; what is beyond is a seam in the file.
+    const TOLERATED: f64 = 0.01;
+    let forward = |f: u32, [a, b]: [u32; 2]| {
+        let corners = mesh.facets[f as usize];
+        (0..3).any(|k| (corners[k], corners[(k + 1) % 3]) == (a, b))
+    };
+    let against = |facets: &[u32], ends| match *facets {
+        [f, g] => forward(f, ends) == forward(g, ends),
+        _ => false,
+    };
+    let wrong = mesh.edges.iter().filter(|edge| against(&edge.facets, edge.ends)).count();
+    wrong as f64 <= TOLERATED * mesh.edges.len() as f64
+}
+
 /// Spreads points over a mesh.
-pub(super) fn sample(
+fn sample(
     raw: &Raw,
     extent: &Extent,
     mm_per_unit: f64,
@@ -143,12 +261,11 @@ pub(super) fn sample(
         .push(format!("mesh of {} triangles sampled to {count} points, {spacing:.3} mm apart", facets.len()));
     let (points_mm, normals) = spread(&facets, area, count);
     let base_from_camera = translation(origin * mm_per_unit);
-    let mesh = exact(raw, origin, mm_per_unit).map(Arc::new);
-    Ok(View { name: name_of(path), points_mm, normals, base_from_camera, camera_known: false, mesh })
+    Ok(View { name: name_of(path), points_mm, normals, base_from_camera, camera_known: false, mesh: None })
 }
 
-/// The mesh itself, relative to `origin`.
-fn exact(raw: &Raw, origin: Vector3<f64>, mm_per_unit: f64) -> Option<Mesh> {
+/// The mesh itself, relative to `origin`, and to what its file's numbers are right, mm.
+fn stitched(raw: &Raw, extent: &Extent, origin: Vector3<f64>, mm_per_unit: f64) -> Option<(Mesh, f64)> {
     let used = |t: &[usize; 3]| t.iter().all(|&i| raw.positions.at(i).iter().all(|c| c.abs() <= FARTHEST));
     let triangles: Vec<[usize; 3]> = raw.triangles.iter().copied().filter(used).collect();
     let mut largest = 0.0_f64;
@@ -164,7 +281,11 @@ fn exact(raw: &Raw, origin: Vector3<f64>, mm_per_unit: f64) -> Option<Mesh> {
     let corners: Vec<Point3<f64>> = (0..raw.positions.len()).map(&mut corner).collect();
     // STL and most PLY hold single precision, whatever they are read into.
     let rounding_mm = largest * f64::from(f32::EPSILON) * mm_per_unit;
-    Mesh::weld(&corners, &triangles, rounding_mm)
+    // Text keeps as many digits as its writer was told.
+    let written = measured::last_digit(raw);
+    let digits_mm = if written < FEW_DIGITS * extent.diagonal { written * mm_per_unit } else { 0.0 };
+    let mesh = Mesh::stitched(&corners, &triangles, rounding_mm)?;
+    Some((mesh, digits_mm.max(4.0 * rounding_mm)))
 }
 
 fn facet(raw: &Raw, corners: [usize; 3], origin: Vector3<f64>, mm_per_unit: f64) -> Option<Facet> {

@@ -60,15 +60,14 @@ struct Begin {
 impl Begin {
     fn of(head: &[u8], length: usize, path: &Path) -> Result<Self, Error> {
         let mut reader = Reader::new(head);
-        let header =
-            Parser::<Row>::new().read_header(&mut reader).map_err(|e| damaged(&e, "header", path))?;
+        let header = Parser::<Row>::new().read_header(&mut reader).map_err(|e| bad_header(&e, head, path))?;
         let lines = reader.line().saturating_sub(1);
         let bytes = head.len() - reader.into_inner().len();
         check_names(&header, &head[..bytes], path)?;
         check_elements(&header, length - bytes, path)?;
         let vertex = vertex_of(&header, path)?;
         let faces = header.elements.get("face").filter(|face| face.count > 0 && indices_of(face).is_some());
-        let layout = fast_layout(&header, vertex).filter(|_| faces.is_none());
+        let layout = fast_layout(&header, vertex).filter(|_| faces.is_none() && !has_camera(&header));
         if layout.is_none() {
             hold_rows(&header, length, path)?;
         }
@@ -190,6 +189,19 @@ fn normal_axis(name: &str) -> Option<usize> {
     ["nx", "ny", "nz"].iter().position(|axis| *axis == name)
 }
 
+fn view_axis(name: &str) -> Option<usize> {
+    VIEWPOINT.iter().position(|axis| *axis == name)
+}
+
+/// Where the camera stood, as PCL writes it.
+const VIEWPOINT: [&str; 3] = ["view_px", "view_py", "view_pz"];
+const CAMERA: &str = "camera";
+
+fn has_camera(header: &Header) -> bool {
+    let camera = header.elements.get(CAMERA).filter(|camera| camera.count > 0);
+    camera.is_some_and(|camera| VIEWPOINT.iter().all(|name| camera.properties.contains_key(*name)))
+}
+
 const INDICES: [&str; 2] = ["vertex_indices", "vertex_index"];
 
 fn indices_of(face: &ElementDef) -> Option<&str> {
@@ -204,14 +216,16 @@ fn indices_of(face: &ElementDef) -> Option<&str> {
 struct Row {
     xyz: [f64; 3],
     normal: [Option<f64>; 3],
+    viewpoint: [f64; 3],
     indices: Vec<u32>,
 }
 
-/// The two elements that are used; others are read past.
+/// The elements that are used; others are read past.
 #[derive(Debug, Default)]
 struct Rows {
     vertices: Vec<Row>,
     faces: Vec<Row>,
+    cameras: Vec<Row>,
 }
 
 impl Rows {
@@ -219,6 +233,7 @@ impl Rows {
         match element {
             "vertex" => self.vertices = rows,
             "face" => self.faces = rows,
+            CAMERA => self.cameras = rows,
             _ => {}
         }
     }
@@ -234,6 +249,8 @@ impl PropertyAccess for Row {
             self.xyz[k] = value;
         } else if let Some(k) = normal_axis(name) {
             self.normal[k] = scalar(&property);
+        } else if let (Some(k), Some(value)) = (view_axis(name), scalar(&property)) {
+            self.viewpoint[k] = value;
         } else if INDICES.contains(&name) {
             match property.to_u32_list() {
                 Some(indices) => self.indices = indices,
@@ -273,7 +290,8 @@ fn binary_rows(data: &[u8], header: &Header, path: &Path) -> Result<Rows, Error>
 
 /// Number of elements up to the last one that is used: damage after it does no harm.
 fn needed(header: &Header) -> usize {
-    header.elements.keys().rposition(|name| name == "vertex" || name == "face").map_or(0, |last| last + 1)
+    let used = |name: &String| name == "vertex" || name == "face" || name == CAMERA && has_camera(header);
+    header.elements.keys().rposition(used).map_or(0, |last| last + 1)
 }
 
 fn ascii_rows(data: &[u8], header_lines: usize, header: &Header, path: &Path) -> Result<Rows, Error> {
@@ -291,7 +309,7 @@ fn ascii_rows(data: &[u8], header_lines: usize, header: &Header, path: &Path) ->
                 Error::malformed(path, format!("element {}", element.name), problem, CUT_OFF)
             })?;
             let row = ascii_row(line, element)
-                .map_err(|problem| Error::malformed(path, format!("line {number}"), problem, CUT_OFF))?;
+                .map_err(|problem| Error::malformed(path, format!("line {number}"), problem, EXPORT))?;
             read.push(row);
         }
         rows.put(&element.name, read);
@@ -311,6 +329,9 @@ fn ascii_row(line: &[u8], element: &ElementDef) -> Result<Row, String> {
                     row.xyz[k] = word.parse().map_err(|_| format!("{name} is {word:?}, not a number"))?;
                 } else if let Some(k) = normal_axis(name) {
                     row.normal[k] = word.parse().ok();
+                } else if let Some(k) = view_axis(name) {
+                    row.viewpoint[k] =
+                        word.parse().map_err(|_| format!("{name} is {word:?}, not a number"))?;
                 }
             }
             PropertyType::List(..) => {
@@ -342,6 +363,8 @@ fn from_rows(rows: &Rows, file_bytes: usize, path: &Path) -> Result<Raw, Error> 
     let normal = |row: &Row| Some(Vector3::new(row.normal[0]?, row.normal[1]?, row.normal[2]?).cast());
     raw.normals = rows.vertices.iter().map(normal).collect::<Option<_>>().unwrap_or_default();
     raw.triangles = triangles;
+    raw.names_camera = !rows.cameras.is_empty();
+    raw.viewpoint = rows.cameras.first().map(|camera| Vector3::from(camera.viewpoint));
     Ok(raw)
 }
 
@@ -353,6 +376,35 @@ fn stated_unit(header: &Header) -> Option<Unit> {
         words().any(|word| word == "unit" || word == "units").then(|| words().find_map(Unit::named)).flatten()
     })
 }
+
+/// What is wrong with a header, in words of the format, and whether bytes are missing.
+fn bad_header(error: &ParseError, head: &[u8], path: &Path) -> Error {
+    let lines: Vec<&[u8]> = head.split(|b| *b == b'\n').map(<[u8]>::trim_ascii).collect();
+    let ends = |line: &&[u8]| *line == b"end_header";
+    let text = |line: &[u8]| String::from_utf8_lossy(&line[..line.len().min(LONGEST_QUOTE)]).into_owned();
+    let Some(number) = error.line().filter(|number| (1..=lines.len()).contains(number)) else {
+        let problem = "the file ends within its header";
+        return Error::malformed(path, "header", problem, CUT_OFF);
+    };
+    let line = lines[number - 1];
+    let place = format!("header, line {number}");
+    let is_last = number == lines.len() || lines[number..].iter().all(|line| line.is_empty());
+    if is_last && !lines.iter().any(|line| ends(line)) && !line.is_empty() && !line.starts_with(b"end") {
+        return Error::malformed(path, place, "the file ends within its header", CUT_OFF);
+    }
+    let expected = match line.split(u8::is_ascii_whitespace).next().unwrap_or_default() {
+        b"end" | b"endheader" => "end_header",
+        b"format" => "format with ascii, binary_little_endian or binary_big_endian, and 1.0",
+        b"element" => "element with a name and a count",
+        b"property" => "property with a type and a name, or property list with two types and a name",
+        _ => "format, element, property, comment, obj_info or end_header",
+    };
+    Error::malformed(path, place, format!("it is {:?} where {expected} is expected", text(line)), HEADER)
+}
+
+const HEADER: &str = "Put the line right in the file, or export it again as PLY with x, y and z per vertex";
+/// Bytes of a wrong line that are shown.
+const LONGEST_QUOTE: usize = 60;
 
 fn damaged(error: &ParseError, place: &str, path: &Path) -> Error {
     let place = error.line().map_or_else(|| place.to_string(), |line| format!("{place}, line {line}"));

@@ -25,8 +25,10 @@ pub(super) struct Raw {
     pub triangles: Vec<[usize; 3]>,
     /// The unit, if the file states it.
     pub unit: Option<Unit>,
-    /// Where the file says that the camera stood (PCD `VIEWPOINT`), file units.
+    /// Where the file says that the camera stood (PCD `VIEWPOINT`, `camera` of a PLY), file units.
     pub viewpoint: Option<Vector3<f64>>,
+    /// Whether the file has a camera of its own: the `camera` of a PLY.
+    pub names_camera: bool,
     pub notes: Vec<String>,
     /// One per position where the file has normals, of any length, in the axes of the file; otherwise empty.
     pub normals: Vec<Vector3<f32>>,
@@ -42,6 +44,7 @@ impl From<Positions> for Raw {
             triangles: Vec::new(),
             unit: None,
             viewpoint: None,
+            names_camera: false,
             notes: Vec::new(),
             normals: Vec::new(),
         }

@@ -60,7 +60,7 @@ struct Preamble<'a> {
 
 impl<'a> Preamble<'a> {
     fn of(bytes: &'a [u8], path: &Path) -> Result<Self, Error> {
-        let mut rest = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
+        let mut rest = bytes;
         let mut header = None;
         let mut lines = 0;
         while !rest.is_empty() {
@@ -212,7 +212,6 @@ mod tests {
             "1,5;2;-3\n",
             "x,y,z\n1.5,2,-3\n",
             "z;x;y\n-3;1,5;2\n",
-            "\u{feff}X,Y,Z\n1.5,2,-3\n",
             "//X Y Z R G B\n1.5 2 -3 1 2 3\n",
             "# made by hand\n# intensity z y x\n0.5 -3 2 1.5\n",
             "1\n1.5 2 -3 77\n",

@@ -1,20 +1,26 @@
 //! A folder of depth images with a camera trajectory instead of a `scan.json`: Redwood `.log` and TUM text files.
 //!
+//! Open3D's JSON of a trajectory holds the other way round, `camera_from_base`, column by column.
+//!
 //! Redwood: three integers, then `base_from_camera` as a 4x4 matrix, for each image in the order of the names. TUM: a
 //! line `time x y z qx qy qz qw` for each image in the order of time, or many more than images, whose names are then their
-//! times. Lengths are metres in both. Intrinsics come from Open3D's `camera_intrinsic.json`, if it is there.
+//! times. Lengths are metres in both. Intrinsics come from the JSON of a camera in the folder, if one is there.
 
 use std::path::{Path, PathBuf};
 
 use nalgebra::Isometry3;
 use rayon::prelude::*;
-use serde::Deserialize;
+use serde_json::Value;
 
-use super::camera::{Camera, Distortion, Rays};
+use super::camera::{Camera, Rays};
 use super::depth::{self, PRIMESENSE};
+use super::direction::Trial;
+use super::misreading::{self, Reading, Told};
 use super::transform::{Fault, from_quaternion, from_rows};
 use super::units::Unit;
-use super::{CloudFrame, Error, Options, Scan, direction, manifest, name_of, read_at_most, read_file};
+use super::{
+    CloudFrame, Error, Options, Scan, direction, intrinsics, manifest, name_of, read_at_most, read_file,
+};
 use crate::geometry::cloud::View;
 
 /// Bytes of a trajectory at most: poses of a camera that ran for hours.
@@ -25,6 +31,7 @@ const HELP: &str = "Write a scan.json that names the views and their poses, or g
 
 /// Reads the depth images of `folder` (or of its `depth/`) with the trajectory beside them.
 pub(super) fn read_folder(folder: &Path, options: &Options) -> Result<Scan, Error> {
+    super::foreign::refuse_folder(folder)?;
     let images = match sorted(folder, &["png"])? {
         images if images.is_empty() => sorted(&folder.join(IMAGES), &["png"]).unwrap_or_default(),
         images => images,
@@ -54,19 +61,9 @@ pub(super) fn read_folder(folder: &Path, options: &Options) -> Result<Scan, Erro
     Ok(Scan { notes, warnings, inputs, ..scan })
 }
 
-/// Open3D's name of a file with intrinsics.
-const INTRINSICS: &str = "camera_intrinsic.json";
 /// A TUM benchmark has this list of its images, and 5000 counts to a metre.
 const TUM_LIST: &str = "depth.txt";
 const TUM_SCALE_M: f64 = 1.0 / 5000.0;
-
-/// What Open3D writes: a 3x3 matrix, column by column.
-#[derive(Deserialize)]
-struct Intrinsics {
-    width: u32,
-    height: u32,
-    intrinsic_matrix: [f64; 9],
-}
 
 /// The camera, and what is assumed of it. What the user says of it goes before what lies in the folder.
 fn camera(folder: &Path, image: &Path, options: &Options) -> Result<(Camera, Option<String>), Error> {
@@ -75,21 +72,39 @@ fn camera(folder: &Path, image: &Path, options: &Options) -> Result<(Camera, Opt
     if let Some(intrinsics) = &options.intrinsics {
         return Ok((depth::given(intrinsics, &read_file(image)?, depth_scale_m, image)?, None));
     }
-    let file = folder.join(INTRINSICS);
-    if !file.is_file() {
+    let Some((file, value)) = intrinsics_in(folder)? else {
         return Ok((Camera { depth_scale_m, ..PRIMESENSE }, Some(depth::assumed_camera())));
-    }
-    let help = "It needs width, height and intrinsic_matrix, nine numbers column by column";
-    let bad = |place: String, problem: String| Error::malformed(&file, place, problem, help);
-    let read: Intrinsics = serde_json::from_slice(&read_at_most(&file, super::SETTINGS_BYTES)?)
-        .map_err(|e| bad(format!("line {}, column {}", e.line(), e.column()), e.to_string()))?;
-    let [fx, _, _, _, fy, _, cx, cy, _] = read.intrinsic_matrix;
-    let distortion = Distortion::default();
-    let camera = Camera { width: read.width, height: read.height, fx, fy, cx, cy, depth_scale_m, distortion };
+    };
+    let bad = |(place, problem): (&str, String), help: &str| Error::malformed(&file, place, problem, help);
+    let size_px = depth::size_px(&read_file(image)?, image)?;
+    let camera = intrinsics::parse(&value, size_px, depth_scale_m)
+        .map_err(|(problem, help)| bad(("camera", problem), help))?;
     match camera.fault() {
-        Some((field, problem)) => Err(bad(field.into(), problem)),
+        Some(fault) => Err(bad(fault, "Give the intrinsics of the depth stream in pixels")),
         None => Ok((camera, None)),
     }
+}
+
+/// The file with a camera, by its name: `camera_intrinsic.json`, `intrinsic.json`, `calibration.json` and the like.
+fn intrinsics_in(folder: &Path) -> Result<Option<(PathBuf, Value)>, Error> {
+    let named = |path: &PathBuf| {
+        let name = name_of(path).to_lowercase();
+        ["intrinsic", "calib", "camera"].iter().any(|word| name.contains(word))
+    };
+    let mut files: Vec<PathBuf> = sorted(folder, &["json"])?.into_iter().filter(named).collect();
+    files.sort_by_key(|path| !name_of(path).to_lowercase().contains("intrinsic"));
+    let Some(file) = files.into_iter().next() else { return Ok(None) };
+    let value = json(&file)?;
+    Ok(Some((file, value)))
+}
+
+fn json(file: &Path) -> Result<Value, Error> {
+    let bytes = read_at_most(file, MOST_BYTES)?;
+    super::foreign::refuse(&bytes, file)?;
+    serde_json::from_slice(&bytes).map_err(|e| {
+        let place = format!("line {}, column {}", e.line(), e.column());
+        Error::malformed(file, place, e.to_string(), "Export it again, or write a scan.json")
+    })
 }
 
 /// A pose nearer in time than this belongs to an image, s.
@@ -141,7 +156,28 @@ fn check_direction(views: &[View], file: &Path) -> Result<(), Error> {
                 "Invert them, or write a scan.json with \"flange_from_base\" and an identity as hand-eye";
             Err(Error::malformed(file, "poses", problem, help))
         }
-        _ => Ok(()),
+        Some(_) => Ok(()),
+        None => check_reading(views, &poses, file),
+    }
+}
+
+/// Refuses images in another order than that of their poses, and depths of another unit, where trying shows it.
+fn check_reading(views: &[View], poses: &[Isometry3<f64>], file: &Path) -> Result<(), Error> {
+    let names: Vec<String> = views.iter().map(|view| view.name.clone()).collect();
+    let readings = |_: &Trial| {
+        let mut all = misreading::orders(&names, poses);
+        for (scale, words) in [(0.1, "a tenth of what was taken"), (10.0, "ten times what was taken")] {
+            let says = format!("each step of the images is {words}");
+            let reading =
+                Reading::new(says, "Say with --depth-scale-m how many metres a step is", poses.to_vec());
+            all.push(Reading { scale, ..reading });
+        }
+        all
+    };
+    match misreading::told(views, poses, readings) {
+        Told::One { problem, help } => Err(Error::malformed(file, "poses", problem, help)),
+        Told::Several { problem } => Err(Error::malformed(file, "poses", problem, HELP)),
+        Told::Agree | Told::None { .. } => Ok(()),
     }
 }
 
@@ -180,14 +216,23 @@ type Stamped = (Option<f64>, Isometry3<f64>);
 
 /// The first file that is a trajectory; names with `trajectory` or `groundtruth` come first.
 fn trajectory(folder: &Path, unit: Unit) -> Result<(PathBuf, Vec<Stamped>), Error> {
-    let mut files = sorted(folder, &["log", "txt"])?;
+    let mut files = sorted(folder, &["log", "txt", "json"])?;
     files.retain(|path| !LISTS.contains(&name_of(path).as_str()));
+    // Other JSON beside the images is of everything.
+    files.retain(|path| !is_json(path) || name_of(path).contains("trajectory"));
     let named =
         |path: &PathBuf| ["trajectory", "groundtruth"].iter().any(|word| name_of(path).contains(word));
     files.sort_by_key(|path| !named(path));
     let mut refused = None;
     for file in files {
-        match poses(&String::from_utf8_lossy(&read_at_most(&file, MOST_BYTES)?), &file, unit) {
+        let read = if is_json(&file) {
+            open3d_poses(&json(&file)?, &file, unit)
+        } else {
+            let bytes = read_at_most(&file, MOST_BYTES)?;
+            super::foreign::refuse(&bytes, &file)?;
+            poses(&String::from_utf8_lossy(&bytes), &file, unit)
+        };
+        match read {
             Ok(poses) if !poses.is_empty() => return Ok((file, poses)),
             Ok(_) => {}
             Err(error) => {
@@ -195,8 +240,30 @@ fn trajectory(folder: &Path, unit: Unit) -> Result<(PathBuf, Vec<Stamped>), Erro
             }
         }
     }
-    let none = "depth images, but no poses: no .log or .txt is there that holds any";
+    let none = "depth images, but no poses: no .log, .txt or trajectory.json is there that holds any";
     Err(refused.unwrap_or_else(|| Error::malformed(folder, "folder", none, HELP)))
+}
+
+fn is_json(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("json"))
+}
+
+/// Open3D's `PinholeCameraTrajectory`: of each camera `extrinsic`, sixteen numbers column by column.
+fn open3d_poses(value: &Value, file: &Path, unit: Unit) -> Result<Vec<Stamped>, Error> {
+    let bad = |place: String, problem: String, help: &str| Error::malformed(file, place, problem, help);
+    let help = "It needs parameters[].extrinsic, sixteen numbers column by column, as Open3D writes its trajectories";
+    let cameras = value["parameters"].as_array();
+    let cameras = cameras.ok_or_else(|| bad("parameters".into(), "the list is missing".into(), help))?;
+    let pose = |(i, camera): (usize, &Value)| {
+        let place = || format!("parameters[{i}].extrinsic");
+        let numbers: Option<[f64; 16]> = serde_json::from_value(camera["extrinsic"].clone()).ok();
+        let all = numbers.ok_or_else(|| bad(place(), "it has not sixteen numbers".into(), help))?;
+        let rows = std::array::from_fn(|r| std::array::from_fn(|c| all[4 * c + r]));
+        let camera_from_base =
+            from_rows(&rows, unit).map_err(|(problem, help)| bad(place(), problem, help))?;
+        Ok((None, camera_from_base.inverse()))
+    };
+    cameras.iter().enumerate().map(pose).collect()
 }
 
 fn poses(text: &str, file: &Path, unit: Unit) -> Result<Vec<Stamped>, Error> {
@@ -268,27 +335,28 @@ mod tests {
     #[test]
     fn intrinsics_of_open3d_are_read_column_by_column() {
         let folder = tempfile::tempdir().unwrap();
-        let write = |text: &str| std::fs::write(folder.path().join(INTRINSICS), text).unwrap();
+        let write = |text: &str| std::fs::write(folder.path().join("camera_intrinsic.json"), text).unwrap();
         assert!(
             camera(folder.path(), Path::new("0.png"), &Options::default()).unwrap().1.is_some(),
             "without a file the camera is assumed, and said"
         );
+        let image = folder.path().join("0.png");
+        let mut png = Vec::new();
+        let mut encoder = png::Encoder::new(&mut png, 8, 6);
+        encoder.set_depth(png::BitDepth::Sixteen);
+        encoder.write_header().unwrap().write_image_data(&[0; 96]).unwrap();
+        std::fs::write(&image, png).unwrap();
         write(r#"{"width": 8, "height": 6, "intrinsic_matrix": [500, 0, 0, 0, 510, 0, 4, 3, 1]}"#);
-        let (read, assumed) = camera(folder.path(), Path::new("0.png"), &Options::default()).unwrap();
+        let (read, assumed) = camera(folder.path(), &image, &Options::default()).unwrap();
         assert_eq!((read.fx, read.fy, read.cx, read.cy, assumed), (500.0, 510.0, 4.0, 3.0, None));
         write(r#"{"width": 8, "height": 6, "intrinsic_matrix": [0, 0, 0, 0, 510, 0, 4, 3, 1]}"#);
-        assert!(
-            camera(folder.path(), Path::new("0.png"), &Options::default())
-                .unwrap_err()
-                .to_string()
-                .contains("fx")
-        );
+        assert!(camera(folder.path(), &image, &Options::default()).unwrap_err().to_string().contains("fx"));
         write("{");
         assert!(
-            camera(folder.path(), Path::new("0.png"), &Options::default())
+            camera(folder.path(), &image, &Options::default())
                 .unwrap_err()
                 .to_string()
-                .contains(INTRINSICS)
+                .contains("camera_intrinsic.json")
         );
     }
 
@@ -302,6 +370,20 @@ mod tests {
         for pose in [redwood[0], tum[0]] {
             assert!((pose * point - nalgebra::Point3::new(1000.0, 2010.0, 3000.0)).norm() < 1e-9);
         }
+    }
+
+    #[test]
+    fn a_trajectory_of_open3d_says_where_the_base_is_seen_from_the_camera() {
+        // The inverse of the pose of the test above, column by column.
+        let value = serde_json::json!({"class_name": "PinholeCameraTrajectory", "parameters": [
+            {"extrinsic": [0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1, 0, -2, 1, -3, 1]}]});
+        let file = Path::new("trajectory.json");
+        let read = open3d_poses(&value, file, Unit::Metre).unwrap();
+        let at = read[0].1 * nalgebra::Point3::new(10.0, 0.0, 0.0);
+        assert!((at - nalgebra::Point3::new(1000.0, 2010.0, 3000.0)).norm() < 1e-9, "{at}");
+        let wrong = serde_json::json!({"parameters": [{"extrinsic": [1, 2]}]});
+        let error = open3d_poses(&wrong, file, Unit::Metre).unwrap_err().to_string();
+        assert!(error.contains("trajectory.json") && error.contains("parameters[0]"), "{error}");
     }
 
     #[test]

@@ -1,6 +1,8 @@
-//! A rigid transform in the forms in which people have one: matrix, rotation vector, quaternion, or easy_handeye's file.
+//! A rigid transform in the forms in which people have one: matrix, rotation vector, quaternion, or a calibration's file.
 //!
 //! The order of a quaternion is never guessed: a bare list of seven numbers is refused.
+
+mod matrix;
 
 use std::path::{Path, PathBuf};
 
@@ -94,6 +96,11 @@ pub(super) fn from_quaternion(
 }
 
 pub(super) fn from_rows(rows: &[[f64; 4]; 4], unit: Unit) -> Result<Isometry3<f64>, Fault> {
+    let column = [rows[0][3], rows[1][3], rows[2][3], rows[3][3]];
+    if column == [0.0, 0.0, 0.0, 1.0] && rows[3] != column {
+        let problem = format!("it is written column by column: its last row is {:?}", rows[3]);
+        return Err((problem, "Transpose it: the position is the last column, and the last row 0 0 0 1"));
+    }
     if rows[3].iter().zip([0.0, 0.0, 0.0, 1.0]).any(|(a, b)| (a - b).abs() > 1e-9) {
         return Err((
             format!("the last row is {:?}, not 0 0 0 1", rows[3]),
@@ -120,25 +127,47 @@ fn rigid(at: [f64; 3], rotation: UnitQuaternion<f64>, unit: Unit) -> Isometry3<f
     Isometry3::from_parts(Translation3::from(Vector3::from(at) * unit.mm()), rotation)
 }
 
-/// `flange_from_camera` in mm from a file that easy_handeye (ROS 1) or easy_handeye2 (ROS 2) saved; metres in the file.
-pub(super) fn easy_handeye(file: &Path) -> Result<Isometry3<f64>, Error> {
+/// Where the camera is that a file with its transform is about.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Mount {
+    /// On the flange: `flange_from_camera`.
+    Flange,
+    /// Beside the robot: `base_from_camera`.
+    Stand,
+}
+
+/// The camera's transform in mm from a calibration's file: of easy_handeye (ROS 1) and easy_handeye2 (ROS 2), which are metres, or
+/// a matrix of OpenCV's FileStorage or of Zivid.
+pub(super) fn of_file(file: &Path, mount: Mount) -> Result<Isometry3<f64>, Error> {
     let bytes = read_at_most(file, super::SETTINGS_BYTES)?;
+    super::foreign::refuse(&bytes, file)?;
     let bad = |problem: String, help: &str| Error::malformed(file, "calibration", problem, help);
     if bytes.len() > LARGEST_FILE {
         return Err(bad(format!("{} bytes are too many for a calibration", bytes.len()), HANDEYE));
     }
-    let saved = saved(&bytes).map_err(|problem| bad(problem, HANDEYE))?;
+    let fault = |(problem, help): Fault| bad(problem, help);
+    let value = value(&bytes).map_err(|problem| bad(problem, HANDEYE))?;
+    if let Some(matrix) = matrix::of(&value) {
+        return matrix.map_err(fault);
+    }
+    let saved: Saved = serde_json::from_value(value).map_err(|error| bad(error.to_string(), HANDEYE))?;
     let parameters = saved.parameters.unwrap_or_default();
-    let on_base = saved.eye_on_hand.or(parameters.eye_on_hand) == Some(false)
-        || parameters.calibration_type.is_some_and(|kind| kind == "eye_on_base");
-    if on_base {
+    let is_stand = saved.eye_on_hand.or(parameters.eye_on_hand) == Some(false)
+        || parameters.calibration_type.as_deref() == Some("eye_on_base");
+    let is_flange = saved.eye_on_hand.or(parameters.eye_on_hand) == Some(true)
+        || parameters.calibration_type.as_deref() == Some("eye_in_hand");
+    if is_stand && mount == Mount::Flange {
         let problem = "it is of a camera that stands beside the robot (eye on base)".into();
+        let help = "Leave flange_from_camera out, and name this file as \"base_from_camera\" in each view";
+        return Err(bad(problem, help));
+    }
+    if is_flange && mount == Mount::Stand {
+        let problem = "it is of a camera on the flange (eye on hand)".into();
         return Err(bad(
             problem,
-            "weldpath needs the camera on the flange: calibrate with eye_on_hand, or give camera poses",
+            "Name it as \"flange_from_camera\", and give each view its \"base_from_flange\"",
         ));
     }
-    let fault = |(problem, help): Fault| bad(problem, help);
     match (saved.transformation, saved.transform) {
         (Some(t), None) => {
             from_quaternion([t.x, t.y, t.z], [t.qx, t.qy, t.qz, t.qw], Unit::Metre).map_err(fault)
@@ -146,21 +175,22 @@ pub(super) fn easy_handeye(file: &Path) -> Result<Isometry3<f64>, Error> {
         (None, Some(Transform { translation: t, rotation: q })) => {
             from_quaternion([t.x, t.y, t.z], [q.x, q.y, q.z, q.w], Unit::Metre).map_err(fault)
         }
-        _ => Err(bad("it has neither `transformation` nor `transform`".into(), HANDEYE)),
+        _ => Err(bad("no transform is in it that is known here".into(), HANDEYE)),
     }
 }
 
-const HANDEYE: &str = "Give the file that easy_handeye or easy_handeye2 saved, or the transform itself";
+const HANDEYE: &str = "Give the file that easy_handeye or easy_handeye2 saved, a 4x4 matrix of OpenCV's FileStorage or of \
+                       Zivid, or the transform itself";
 
 #[cfg(feature = "yaml")]
-fn saved(bytes: &[u8]) -> Result<Saved, String> {
+fn value(bytes: &[u8]) -> Result<Value, String> {
     let first_line = |text: String| text.lines().next().unwrap_or_default().to_owned();
-    serde_saphyr::from_slice(bytes).map_err(|error| first_line(error.to_string()))
+    serde_saphyr::from_slice(&matrix::plain_yaml(bytes)).map_err(|error| first_line(error.to_string()))
 }
 
 /// JSON, of which every file is YAML, is all that this build reads.
 #[cfg(not(feature = "yaml"))]
-fn saved(bytes: &[u8]) -> Result<Saved, String> {
+fn value(bytes: &[u8]) -> Result<Value, String> {
     serde_json::from_slice(bytes)
         .map_err(|error| format!("no JSON, and YAML needs the feature `yaml`: {error}"))
 }
@@ -272,7 +302,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("handeye.yaml");
         std::fs::write(&file, text).unwrap();
-        easy_handeye(&file)
+        of_file(&file, Mount::Flange)
     }
 
     #[test]
@@ -290,9 +320,9 @@ mod tests {
         }
         for (text, word) in [
             (nested.replace("true", "false"), "eye on base"),
-            (two.replace("eye_in_hand", "eye_on_base"), "eye on base"),
+            (two.replace("eye_in_hand", "eye_on_base"), "\"base_from_camera\" in each view"),
             (two.replace("w: 0.5", "w: 3"), "length"),
-            ("parameters:\n  name: demo\n".into(), "neither"),
+            ("parameters:\n  name: demo\n".into(), "no transform"),
             ("transformation: 3\n".into(), "handeye.yaml"),
             ("a: [".into(), "handeye.yaml"),
             ("# much\n".repeat(20_000), "too many"),

@@ -84,6 +84,12 @@ pub enum PlanError {
         /// What was seen instead, and what to do.
         reason: String,
     },
+    /// No seam in view, and the points are too far apart to show one.
+    #[error("no seam found: {reason}")]
+    TooSparse {
+        /// How far apart they are, and how near they have to be.
+        reason: String,
+    },
     /// [`Observer::is_done`](super::Observer::is_done) said so.
     #[error("the plan was given up")]
     GivenUp,

@@ -204,7 +204,7 @@ impl ScaleSearch<'_> {
                 let cues = Cues { steps: cues.steps || model.table_shown, ..cues };
                 let input = Input { scan, model: model.surface(), scene: model.scene().0, cues };
                 match self.mesh() {
-                    Some((mesh, pose)) => extraction::find_in_mesh(&input, mesh, pose, &self.config.seam),
+                    Some((mesh, pose)) => extraction::find_in_mesh(&input, mesh, pose),
                     None => extraction::find(&input, &self.config.seam),
                 }
             }

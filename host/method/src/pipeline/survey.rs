@@ -5,6 +5,7 @@ use super::exclusion::Scene;
 use super::merged::MergedViews;
 use super::result::{self, Derivation};
 use super::scale_search::{ScaleResult, ScaleSearch};
+use super::sparse;
 use super::stages::Times;
 use super::tacks::{self, Ground, Tack};
 use crate::geometry::grid::Grid;
@@ -51,6 +52,7 @@ impl Survey {
         warnings.extend(tacks::words(tacks));
         warnings.extend(gaps.iter().map(Gap::words));
         warnings.extend(self.scene.warning());
+        warnings.extend(sparse::words(&self.raw));
         warnings
     }
 

@@ -99,17 +99,9 @@ pub fn find(input: &Input, config: &SeamConfig) -> Found {
     }
 }
 
-/// Weldable seams of a mesh, from its facets; from the cloud on it only if that is a scan, drawn as a mesh.
-pub(crate) fn find_in_mesh(
-    input: &Input,
-    mesh: &Mesh,
-    base_from_mesh: &Isometry3<f64>,
-    config: &SeamConfig,
-) -> Found {
+/// Weldable seams of a mesh, from its facets.
+pub(crate) fn find_in_mesh(input: &Input, mesh: &Mesh, base_from_mesh: &Isometry3<f64>) -> Found {
     let found = facets::find(mesh, base_from_mesh);
-    if found.seams.is_empty() && mesh.is_scan() {
-        return find(input, config);
-    }
     let scores = edges::score(&input.model);
     Found { gate: scores.gate, intensity: scores.intensity, ..found }
 }

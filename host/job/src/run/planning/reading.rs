@@ -17,7 +17,7 @@ pub fn read(job: &Job, allow_outside: bool) -> Result<Scan, input::Error> {
     let scan = input::read(work(job), &options)?;
     let Some(background) = &job.exclude.background else { return Ok(scan) };
     // What is said of the work's cloud is not said of another.
-    let options = input::Options { camera_mm: None, frame: None, ..options };
+    let options = input::Options { camera_mm: None, frame: None, mesh_as: None, ..options };
     scan.over(input::read(background, &options)?)
 }
 
@@ -32,6 +32,7 @@ fn options(job: &Job, allow_outside: bool) -> input::Options {
         depth_scale_m: job.depth_scale_m.map(|scale| scale.get()),
         camera_mm: job.camera_mm,
         frame: job.frame,
+        mesh_as: job.mesh_as,
         allow_outside,
     }
 }

@@ -1,0 +1,216 @@
+//! Whether a mesh was drawn or measured, by its own data.
+//!
+//! What is drawn has exact planes: two facets of one plane agree to the last digit of the file. What is measured has noise at
+//! every vertex, so that no two facets do; what is drawn and curved everywhere is smooth at least. A depth camera's picture with
+//! faces is known by its pixels, whatever its planes.
+
+use nalgebra::{Matrix3, Point3, SMatrix, SVector, Vector3};
+
+use super::raw::Raw;
+use crate::geometry::mesh::Mesh;
+
+/// What made a mesh, and how that shows.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Maker {
+    Drawn,
+    Measured(String),
+    /// Nothing in the data decides.
+    Unclear(String),
+}
+
+/// Share of the area in exact planes from which on a mesh is drawn. Noise puts the fourth corner of two facets off by twice its
+/// deviation: noise of 8 times the file's precision leaves a tenth of the edges flat by chance, and a quarter of the facets.
+/// Depth steps without any noise leave two thirds.
+const DRAWN_FLAT: f64 = 0.7;
+/// Scatter of vertices about a smooth surface through their neighbours, as a share of how far neighbouring facets turn apart.
+/// Noise alone gives 1/2, since four vertices make a turn; a smooth surface only its third order, a few hundredths.
+const NOISY: f64 = 0.25;
+const SMOOTH: f64 = 0.08;
+/// Vertices that are looked at, and how many of them have to speak.
+const ASKED: usize = 3000;
+const FEWEST: usize = 30;
+/// Neighbours for a quadric of six numbers.
+const NEIGHBOURS: usize = 12;
+
+/// What made this mesh; its file's numbers are right to `precision_mm`.
+pub(super) fn maker(mesh: &Mesh, precision_mm: f64) -> Maker {
+    let precision_mm = precision_mm.max(0.1 * mesh.weld_mm);
+    let offsets = Offsets::of(mesh);
+    let flat = offsets.flat_share(mesh, precision_mm);
+    if flat >= DRAWN_FLAT {
+        return Maker::Drawn;
+    }
+    let scatter = offsets.scatter(mesh, precision_mm);
+    let percent = 100.0 * flat;
+    let of_turns = |scatter: f64| {
+        format!(
+            "{percent:.0} % of it lies in exact planes, and its vertices scatter by {scatter:.2} of the steps between facets"
+        )
+    };
+    match scatter {
+        Some(scatter) if scatter >= NOISY => Maker::Measured(of_turns(scatter)),
+        Some(scatter) if scatter <= SMOOTH => Maker::Drawn,
+        Some(scatter) => Maker::Unclear(of_turns(scatter)),
+        // So few vertices no scanner gives.
+        None => Maker::Drawn,
+    }
+}
+
+/// How far the corner of one facet is off the plane of its neighbour.
+struct Offsets {
+    /// Per edge, mm; none where not two facets meet.
+    of_edge: Vec<Option<f64>>,
+}
+
+impl Offsets {
+    fn of(mesh: &Mesh) -> Self {
+        let off = |f: u32, g: u32| {
+            let [place, ..] = mesh.corners(f);
+            let normal = mesh.normals[f as usize];
+            mesh.corners(g).iter().map(|c| (c - place).dot(&normal).abs()).fold(0.0, f64::max)
+        };
+        let offset = |facets: &[u32]| match *facets {
+            [f, g] => Some(off(f, g).min(off(g, f))),
+            _ => None,
+        };
+        Self { of_edge: mesh.edges.iter().map(|edge| offset(&edge.facets)).collect() }
+    }
+
+    /// Share of the area whose facets lie in the plane of a neighbour.
+    fn flat_share(&self, mesh: &Mesh, precision_mm: f64) -> f64 {
+        let mut flat = vec![false; mesh.facets.len()];
+        for (edge, offset) in mesh.edges.iter().zip(&self.of_edge) {
+            if offset.is_some_and(|mm| mm <= precision_mm) {
+                edge.facets.iter().for_each(|&f| flat[f as usize] = true);
+            }
+        }
+        let area = |all: bool| -> f64 {
+            let wanted = (0..mesh.facets.len()).filter(|&f| all || flat[f]);
+            wanted.map(|f| mesh.area_mm2(f as u32)).sum()
+        };
+        area(false) / area(true)
+    }
+
+    /// Median over vertices off the exact planes of how far they scatter about a quadric, as a share of the offsets there.
+    fn scatter(&self, mesh: &Mesh, precision_mm: f64) -> Option<f64> {
+        let rings = Rings::of(mesh);
+        let step = mesh.vertices.len().div_ceil(ASKED).max(1);
+        let of = |v: usize| {
+            let offsets = rings.edges(v).iter().map(|&e| self.of_edge[e as usize]);
+            let offsets: Vec<f64> = offsets.collect::<Option<_>>()?;
+            let squared = offsets.iter().map(|mm| mm * mm).sum::<f64>() / offsets.len().max(1) as f64;
+            let turns_mm = squared.sqrt();
+            (turns_mm > precision_mm).then_some(())?;
+            Some(scatter_mm(mesh, &rings.two_around(v))? / turns_mm)
+        };
+        let mut shares: Vec<f64> = (0..mesh.vertices.len()).step_by(step).filter_map(of).collect();
+        shares.sort_unstable_by(f64::total_cmp);
+        (shares.len() >= FEWEST).then(|| shares[shares.len() / 2])
+    }
+}
+
+/// The edges at each vertex.
+struct Rings<'a> {
+    mesh: &'a Mesh,
+    begin: Vec<u32>,
+    edges: Vec<u32>,
+}
+
+impl<'a> Rings<'a> {
+    fn of(mesh: &'a Mesh) -> Self {
+        let mut begin = vec![0; mesh.vertices.len() + 1];
+        let ends = || mesh.edges.iter().enumerate().flat_map(|(e, edge)| edge.ends.map(|v| (e as u32, v)));
+        ends().for_each(|(_, v)| begin[v as usize + 1] += 1);
+        for v in 1..begin.len() {
+            begin[v] += begin[v - 1];
+        }
+        let mut next = begin.clone();
+        let mut edges = vec![0; 2 * mesh.edges.len()];
+        for (e, v) in ends() {
+            edges[next[v as usize] as usize] = e;
+            next[v as usize] += 1;
+        }
+        Self { mesh, begin, edges }
+    }
+
+    fn edges(&self, vertex: usize) -> &[u32] {
+        &self.edges[self.begin[vertex] as usize..self.begin[vertex + 1] as usize]
+    }
+
+    /// The vertex, its neighbours and theirs.
+    fn two_around(&self, vertex: usize) -> Vec<u32> {
+        let beside = |v: u32| self.edges(v as usize).iter().flat_map(|&e| self.mesh.edges[e as usize].ends);
+        let mut near: Vec<u32> = beside(vertex as u32).collect();
+        near.sort_unstable();
+        near.dedup();
+        let mut all: Vec<u32> = near.iter().flat_map(|&v| beside(v)).collect();
+        all.sort_unstable();
+        all.dedup();
+        all
+    }
+}
+
+/// Deviation of vertices from the quadric through them, mm; none where they do not determine one.
+fn scatter_mm(mesh: &Mesh, vertices: &[u32]) -> Option<f64> {
+    let free = vertices.len().checked_sub(NEIGHBOURS)? + NEIGHBOURS - 6;
+    let points: Vec<Point3<f64>> = vertices.iter().map(|&v| mesh.vertices[v as usize]).collect();
+    let middle = points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / points.len() as f64;
+    let spread = points.iter().fold(Matrix3::zeros(), |sum, p| {
+        let d = p.coords - middle;
+        sum + d * d.transpose()
+    });
+    let eigen = spread.symmetric_eigen();
+    let mut order = [0, 1, 2];
+    order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
+    let size = (eigen.eigenvalues[order[0]] / points.len() as f64).sqrt();
+    let axis = |k: usize| eigen.eigenvectors.column(order[k]) / size;
+    let (right, up, out) = (axis(0), axis(1), axis(2));
+    let row = |p: &Point3<f64>| {
+        let d = p.coords - middle;
+        let (x, y) = (d.dot(&right), d.dot(&up));
+        (SVector::<f64, 6>::from([1.0, x, y, x * x, x * y, y * y]), d.dot(&out))
+    };
+    let (mut normal, mut right_side) = (SMatrix::<f64, 6, 6>::zeros(), SVector::<f64, 6>::zeros());
+    for (a, z) in points.iter().map(row) {
+        normal += a * a.transpose();
+        right_side += a * z;
+    }
+    let fit = normal.cholesky()?.solve(&right_side);
+    let squared: f64 = points.iter().map(row).map(|(a, z)| (z - a.dot(&fit)).powi(2)).sum();
+    Some(size * (squared / free as f64).sqrt())
+}
+
+/// Whether the faces are the pixels of the picture that a camera at `at` took: all of about one size there. File units.
+pub(super) fn is_picture(raw: &Raw, at: Vector3<f64>) -> bool {
+    /// Pixels are alike; a facet that leaps over one that is missing is larger.
+    const ALIKE: f64 = 0.1;
+    const SHARE: f64 = 0.9;
+    let towards = raw.positions.at(0) - at;
+    let ahead = if towards.z < 0.0 { -1.0 } else { 1.0 };
+    let area = |t: &[usize; 3]| {
+        let [a, b, c] = t.map(|i| {
+            let ray = raw.positions.at(i) - at;
+            [ray.x, ray.y].map(|along| ahead * along / ray.z)
+        });
+        ((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])).abs()
+    };
+    let mut areas: Vec<f64> = raw.triangles.iter().map(area).filter(|area| area.is_finite()).collect();
+    areas.sort_unstable_by(f64::total_cmp);
+    let Some(&usual) = areas.get(areas.len() / 2) else { return false };
+    let alike = areas.iter().filter(|area| (*area / usual - 1.0).abs() < ALIKE).count();
+    usual > 0.0 && alike as f64 > SHARE * raw.triangles.len() as f64
+}
+
+/// The last digit that the numbers of a file have: a power of ten, where all are multiples of it. File units.
+pub(super) fn last_digit(raw: &Raw) -> f64 {
+    const LOOKED_AT: usize = 600;
+    const MOST_DIGITS: i32 = 9;
+    let sample = raw.positions.sample(LOOKED_AT);
+    let is_multiple =
+        |c: f64, step: f64| (c / step - (c / step).round()).abs() * step <= f64::from(f32::EPSILON) * c.abs();
+    let digits = |k: &i32| {
+        let step = 10f64.powi(-k);
+        sample.iter().all(|p| p.iter().all(|&c| is_multiple(c, step)))
+    };
+    (0..=MOST_DIGITS).find(digits).map_or(0.0, |k| 10f64.powi(-k))
+}
