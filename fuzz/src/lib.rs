@@ -22,13 +22,16 @@ use weldpath_core::wire::{FromHost, FromPendant};
 pub type Target = (&'static str, fn(&[u8]));
 
 /// All of them.
-pub const TARGETS: [Target; 12] = [
+pub const TARGETS: [Target; 15] = [
     ("ply", ply),
     ("pcd", pcd),
     ("text", text),
     ("stl", stl),
     ("obj", obj),
     ("png", png),
+    ("npy", npy),
+    ("vtk", vtk),
+    ("hand_eye", hand_eye),
     ("scan_json", scan_json),
     ("job", job),
     ("path_json", path_json),
@@ -79,6 +82,29 @@ pub fn stl(bytes: &[u8]) {
 /// An OBJ file.
 pub fn obj(bytes: &[u8]) {
     read(bytes, "hostile.obj");
+}
+
+/// An array of NumPy.
+pub fn npy(bytes: &[u8]) {
+    read(bytes, "hostile.npy");
+}
+
+/// A legacy VTK file.
+pub fn vtk(bytes: &[u8]) {
+    read(bytes, "hostile.vtk");
+}
+
+/// A hand-eye transform in a file of its own, beside a `scan.json` that is as it should be.
+pub fn hand_eye(bytes: &[u8]) {
+    let Ok(folder) = tempfile::Builder::new().prefix("hostile").tempdir() else { return };
+    let files = [
+        ("little.ply", seeds::ascii_ply()),
+        ("scan.json", seeds::BY_FILE.into()),
+        ("eye.yml", bytes.to_vec()),
+    ];
+    if files.iter().all(|(name, bytes)| std::fs::write(folder.path().join(name), bytes).is_ok()) {
+        hold("hostile", input::read(folder.path(), &Options::default()));
+    }
 }
 
 /// A depth image.

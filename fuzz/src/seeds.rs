@@ -76,6 +76,24 @@ fn corner() -> Vec<u8> {
     [vec![5], points.flatten().collect()].concat()
 }
 
+/// A `scan.json` whose hand-eye transform is in a file.
+pub const BY_FILE: &str = r#"{"units": "m", "flange_from_camera": "eye.yml",
+"views": [{"cloud": "little.ply", "base_from_flange": [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]}]}"#;
+
+const HAND_EYE: &str = "%YAML:1.0\n---\nT: !!opencv-matrix\n   rows: 4\n   cols: 4\n   dt: d\n   \
+data: [ 1, 0, 0, 10, 0, 1, 0, 20, 0, 0, 1, 30, 0, 0, 0, 1 ]\n";
+
+fn npy(shape: &str) -> Vec<u8> {
+    let header = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({shape}), }}");
+    let padded = format!("{header:<117}\n");
+    [&b"\x93NUMPY\x01\0"[..], &[padded.len() as u8, 0], padded.as_bytes(), &records(false)[..24]].concat()
+}
+
+fn vtk(kind: &str, points: &[u8]) -> Vec<u8> {
+    let head = format!("# vtk DataFile Version 3.0\nby hand\n{kind}\nDATASET POLYDATA\nPOINTS 3 float\n");
+    [head.as_bytes(), points, b"\nPOLYGONS 1 4\n3 0 1 2\n"].concat()
+}
+
 /// The seeds of a target; each is taken by its reader.
 pub fn of(target: &str) -> Vec<Vec<u8>> {
     let faces: Vec<u8> = [[0, 1, 2], [0, 2, 3]]
@@ -105,6 +123,15 @@ pub fn of(target: &str) -> Vec<Vec<u8>> {
         ],
         "stl" => vec![binary_stl(), format!("solid a\n{facet}endsolid a\n").into_bytes()],
         "obj" => vec![obj.into()],
+        "npy" => vec![npy("2, 3"), npy("1, 2, 3")],
+        "vtk" => vec![
+            vtk("ASCII", b"0.1 0.2 0.5 0.3 -0.2 0.6 -0.1 0.05 0.7\n"),
+            vtk("BINARY", &records(true)[..36]),
+        ],
+        "hand_eye" => vec![
+            HAND_EYE.into(),
+            "FloatMatrix:\n  Data: [[1, 0, 0, 9], [0, 1, 0, 8], [0, 0, 1, 70], [0, 0, 0, 1]]\n".into(),
+        ],
         "png" => vec![depth_png(640, 480), depth_png(64, 48)],
         "scan_json" => vec![SCAN_JSON.into()],
         "job" => vec![JOB.into(), b"".to_vec()],

@@ -427,8 +427,7 @@ fn single(mut raw: Raw, path: &Path, options: &Options) -> Result<Scan, Error> {
     let mm_per_unit = units::decide(options.units, raw.unit, &extent, &mut notes, &mut warnings);
     let mut doubts = Vec::new();
     if !raw.triangles.is_empty() {
-        let said = options.mesh_as;
-        match mesh::taken(raw, said, &extent, mm_per_unit, path, &mut notes, &mut doubts)? {
+        match mesh::taken(raw, options, &extent, mm_per_unit, path, &mut notes, &mut doubts)? {
             mesh::Taken::Cad(view) => {
                 let scan = Scan::of(vec![*view], CloudFrame::Unknown, path);
                 return Ok(Scan { notes, warnings, ..scan });
@@ -530,7 +529,9 @@ fn read_at_most(path: &Path, most: u64) -> Result<Vec<u8>, Error> {
         return Err(io(std::io::Error::other("not a regular file")));
     }
     memory::hold_file(path, metadata.len(), most)?;
-    std::fs::read(path).map_err(io).map(without_mark)
+    let bytes = without_mark(std::fs::read(path).map_err(io)?);
+    foreign::refuse(&bytes, path)?;
+    Ok(bytes)
 }
 
 /// Without the mark of UTF-8 that some programs on Windows write before a text (BOM).

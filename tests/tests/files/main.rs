@@ -13,6 +13,7 @@ mod outputs_killed;
 mod rapid;
 mod readers;
 mod readers_fuzz;
+mod reports;
 mod resume;
 mod ros;
 mod urscript;

@@ -325,6 +325,152 @@ fn no_mistake_of_any_seed_is_ready() {
     all(PIECES, &[1, 2, 3]);
 }
 
+/// Reads the fillet with poses, hand-eye transform and images changed; what is said.
+fn said(change: impl FnOnce(&mut Manifest)) -> String {
+    let images = images("fillet");
+    let mut manifest = Manifest::read(&images);
+    change(&mut manifest);
+    let folder = tempfile::tempdir().unwrap();
+    for view in manifest.views() {
+        view["depth"] = json!(images.join(view["depth"].as_str().unwrap()));
+    }
+    std::fs::write(folder.path().join("scan.json"), manifest.json.to_string()).unwrap();
+    let options = input::Options { allow_outside: true, ..Default::default() };
+    input::read(folder.path(), &options).map_or_else(|error| error.to_string(), |scan| scan.notes.join("; "))
+}
+
+/// Puts another value in place of each pose.
+fn each_pose(manifest: &mut Manifest, pose: impl Fn(&Isometry3<f64>) -> Value) {
+    let poses = manifest.poses.clone();
+    for (view, given) in manifest.views().iter_mut().zip(&poses) {
+        view["base_from_flange"] = pose(given);
+    }
+}
+
+#[test]
+fn a_refusal_names_the_mistake_that_it_found_by_trying() {
+    let six = |t: Vector3<f64>, r: [f64; 3]| json!([t.x, t.y, t.z, r[0], r[1], r[2]]);
+    let rpy = |pose: &Isometry3<f64>| {
+        let (roll, pitch, yaw) = pose.rotation.euler_angles();
+        [roll, pitch, yaw]
+    };
+    let at = |pose: &Isometry3<f64>| pose.translation.vector;
+    let quaternion = |pose: &Isometry3<f64>, key: &str, w_first: bool| {
+        let q = pose.rotation.coords;
+        let four = if w_first { [q.w, q.x, q.y, q.z] } else { [q.x, q.y, q.z, q.w] };
+        json!({"xyz": at(pose).as_slice(), key: four})
+    };
+    let matrix = |pose: &Isometry3<f64>, transposed: bool| {
+        let mut rows = pose.to_homogeneous();
+        if transposed {
+            let turned = rows.fixed_view::<3, 3>(0, 0).transpose();
+            rows.fixed_view_mut::<3, 3>(0, 0).copy_from(&turned);
+        }
+        json!(rows.row_iter().map(|row| row.iter().copied().collect()).collect::<Vec<Vec<f64>>>())
+    };
+    let right = said(|_| {});
+    assert!(!right.contains("misreadings") && right.contains("units: metres"), "{right}");
+    let rows: Vec<(String, [&str; 2])> = vec![
+        (
+            said(|m| each_pose(m, |p| six(at(p), rpy(p)))),
+            ["RPY about x, y, z in radians", "rotation vectors"],
+        ),
+        (
+            said(|m| each_pose(m, |p| six(at(p), rpy(p).map(f64::to_degrees)))),
+            ["RPY about x, y, z in degrees", "views[0]"],
+        ),
+        (
+            said(|m| {
+                each_pose(m, |p| {
+                    let [x, y, z] = rpy(p).map(f64::to_degrees);
+                    six(at(p), [z, y, x])
+                });
+            }),
+            ["A, B, C of KUKA) in degrees", "views[0]"],
+        ),
+        (
+            said(|m| {
+                each_pose(m, |p| six(at(p), (p.rotation.scaled_axis() * 180.0 / std::f64::consts::PI).into()))
+            }),
+            ["rotation vector is in degrees", "views[0]"],
+        ),
+        (
+            said(|m| {
+                each_pose(m, |p| {
+                    let p = p * Isometry3::translation(0.0, 0.0, 0.347);
+                    six(at(&p), p.rotation.scaled_axis().into())
+                })
+            }),
+            ["a tool's tip, about 3", "\"flange_from_tcp\": [0, 0, 0.3"],
+        ),
+        (
+            said(|m| each_pose(m, |p| quaternion(p, "quaternion_xyzw", true))),
+            ["w is first", "quaternion_wxyz"],
+        ),
+        (
+            said(|m| each_pose(m, |p| quaternion(p, "quaternion_wxyz", false))),
+            ["w is last", "quaternion_xyzw"],
+        ),
+        (
+            said(|m| each_pose(m, |p| matrix(p, true))),
+            ["the rotations of base_from_flange are transposed", "row by row"],
+        ),
+        (
+            said(|m| {
+                each_pose(m, |p| {
+                    let rows = p.to_homogeneous().transpose();
+                    json!(rows.row_iter().map(|row| row.iter().copied().collect()).collect::<Vec<Vec<f64>>>())
+                })
+            }),
+            ["column by column", "Transpose"],
+        ),
+        (
+            said(|m| {
+                m.json["units"] = json!("mm");
+                each_pose(m, |p| six(at(p) * 1000.0, p.rotation.scaled_axis().into()));
+            }),
+            ["the translation of flange_from_camera is in metres", "1000"],
+        ),
+        (
+            said(|m| {
+                let scale = m.json["camera"]["depth_scale_m"].as_f64().unwrap();
+                m.json["camera"]["depth_scale_m"] = json!(scale * 10.0);
+            }),
+            ["each step of the images is", "depth_scale_m"],
+        ),
+        (
+            said(|m| {
+                let mut poses = m.poses.clone();
+                poses.reverse();
+                m.poses = poses;
+                each_pose(m, |p| six(at(p), p.rotation.scaled_axis().into()));
+            }),
+            ["reverse order", "round"],
+        ),
+        (
+            said(|m| {
+                m.poses.rotate_left(1);
+                each_pose(m, |p| six(at(p), p.rotation.scaled_axis().into()));
+            }),
+            ["each image belongs to the pose before its own", "missing"],
+        ),
+    ];
+    let wrong: Vec<String> = rows
+        .into_iter()
+        .filter(|(said, parts)| !parts.iter().all(|part| said.contains(part)))
+        .map(|(said, parts)| format!("{parts:?}: {said}"))
+        .collect();
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+    let lost = said(|m| {
+        let mut random = Random::new(3);
+        let poses: Vec<_> =
+            (0..m.poses.len()).map(|k| moved(&mut random, &m.camera_m(k), 80.0, 15.0) * m.poses[k]).collect();
+        m.poses = poses;
+        each_pose(m, |p| six(at(p), p.rotation.scaled_axis().into()));
+    });
+    assert!(lost.contains("none of the usual misreadings"), "{lost}");
+}
+
 #[test]
 fn the_documented_table_is_that_of_the_mistakes() {
     let (_, section) = TROUBLESHOOTING.split_once("### Mistakes that were tried").unwrap();

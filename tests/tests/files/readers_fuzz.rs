@@ -63,6 +63,18 @@ fn png() -> Vec<u8> {
     bytes
 }
 
+fn npy() -> Vec<u8> {
+    let header = "{'descr': '<f4', 'fortran_order': False, 'shape': (4, 3), }";
+    let padded = format!("{header:<117}\n");
+    [&b"\x93NUMPY\x01\0"[..], &(padded.len() as u16).to_le_bytes(), padded.as_bytes(), &records(false)]
+        .concat()
+}
+
+fn vtk(kind: &str, points: Vec<u8>, faces: &[u8]) -> Vec<u8> {
+    let head = format!("# vtk DataFile Version 3.0\nby hand\n{kind}\nDATASET POLYDATA\nPOINTS 4 float\n");
+    [head.as_bytes(), &points, faces].concat()
+}
+
 /// A valid file of every kind.
 fn seeds() -> Vec<(&'static str, Vec<u8>)> {
     let faces: Vec<u8> = [[0, 1, 2], [0, 2, 3]]
@@ -86,6 +98,12 @@ fn seeds() -> Vec<(&'static str, Vec<u8>)> {
         ("ascii.stl", format!("solid a\n{facet}{facet}endsolid a\n").into_bytes()),
         ("mesh.obj", obj.into()),
         ("depth.png", png()),
+        ("cloud.npy", npy()),
+        ("text.vtk", vtk("ASCII", rows(" "), b"\nPOLYGONS 1 4\n3 0 1 2\n")),
+        (
+            "binary.vtk",
+            vtk("BINARY", records(true), b"\nPOLYGONS 1 4\n\0\0\0\x03\0\0\0\0\0\0\0\x01\0\0\0\x02"),
+        ),
     ]
 }
 
@@ -291,4 +309,43 @@ proptest! {
         std::fs::write(folder.path().join("scan.json"), json).unwrap();
         points_or_an_error_that_names("fuzzed-scan", input::read(folder.path(), &Options::default()));
     }
+
+    #[test]
+    fn a_damaged_folder_of_another_tool_gives_views_or_an_error_that_names_a_file(
+        which in 0..3usize,
+        damages in prop::collection::vec(damage(), 1..3),
+    ) {
+        let folder = tempfile::Builder::new().prefix("fuzzed-scan").tempdir().unwrap();
+        let (_, image) = seeds_once().iter().find(|(name, _)| *name == "depth.png").unwrap();
+        std::fs::write(folder.path().join("depth.png"), image).unwrap();
+        let mut files = OF_OTHERS.map(|(name, text)| (name, text.as_bytes().to_vec()));
+        damages.iter().for_each(|damage| apply(&mut files[which].1, damage));
+        for (name, bytes) in files {
+            std::fs::write(folder.path().join(name), bytes).unwrap();
+        }
+        // One of the three is read through the scan.json, the others beside the images.
+        let input = if which == 2 { folder.path().join("by-file.json") } else { folder.path().into() };
+        let scan_json = r#"{"units": "m", "camera": {"width": 640, "height": 480, "fx": 600, "fy": 600, "cx": 319.5, "cy": 239.5,
+            "depth_scale_m": 0.001}, "flange_from_camera": "eye.yml",
+            "views": [{"depth": "depth.png", "base_from_flange": [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]}]}"#;
+        std::fs::write(folder.path().join("by-file.json"), scan_json).unwrap();
+        points_or_an_error_that_names("fuzzed-scan", input::read(&input, &Options::default()));
+    }
 }
+
+/// A camera, a trajectory and a hand-eye transform as other tools write them.
+const OF_OTHERS: [(&str, &str); 3] = [
+    (
+        "intrinsic.json",
+        r#"{"width": 640, "height": 480, "intrinsic_matrix": [600, 0, 0, 0, 600, 0, 319.5, 239.5, 1]}"#,
+    ),
+    (
+        "trajectory.json",
+        r#"{"parameters": [{"extrinsic": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0.1, 0.2, 0.3, 1]}]}"#,
+    ),
+    (
+        "eye.yml",
+        "%YAML:1.0\n---\nT: !!opencv-matrix\n   rows: 4\n   cols: 4\n   dt: d\n   \
+         data: [ 1, 0, 0, 10, 0, 1, 0, 20, 0, 0, 1, 30, 0, 0, 0, 1 ]\n",
+    ),
+];

@@ -617,11 +617,12 @@ fn readings_of_poses(
             flange.iter().map(|pose| pose * misreading::along_z(-mm) * hand_eye).collect()
         };
         let length_mm = misreading::tool(trial, &cameras);
-        let says =
-            format!("the poses are those of a tool's tip, {length_mm:.0} mm out along z, not of the flange");
+        let says = format!(
+            "the poses are those of a tool's tip, about {length_mm:.0} mm out along z, not of the flange"
+        );
         let write = format!(
-            "Rename `base_from_flange` to `base_from_tcp`, and write \"flange_from_tcp\": [0, 0, {}, 0, 0, 0] if that is the TCP that \
-             is set",
+            "Rename `base_from_flange` to `base_from_tcp`, and write the TCP that is set, \"flange_from_tcp\": [0, 0, {}, 0, 0, 0] \
+             or near it",
             length_mm / of_unit
         );
         all.push(Reading::new(says, write, cameras(length_mm)));
@@ -867,6 +868,21 @@ mod tests {
         let named = r#"{"xyz": [0.4, 0, 0.3], "rotation_vector_rad": [0, 180, 0]}"#;
         let degrees = scan(&posed(IDENTITY, named)).unwrap();
         assert!(degrees.warnings[0].contains("base_from_flange turns"), "{:?}", degrees.warnings);
+    }
+
+    #[test]
+    fn text_of_windows_is_read_and_utf_16_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("a.xyz"), "\u{feff}0.1 0.2 0.5\r\n").unwrap();
+        let json = format!("\u{feff}{}", posed(IDENTITY, "[0,0,1,0,0,0]").replace(',', ",\r\n"));
+        let read = |bytes: &[u8]| {
+            std::fs::write(folder.path().join(NAME), bytes).unwrap();
+            super::super::read(folder.path(), &Options::default())
+        };
+        assert_eq!(read(json.as_bytes()).unwrap().views[0].points_mm.len(), 1);
+        let utf16: Vec<u8> = json.encode_utf16().flat_map(u16::to_le_bytes).collect();
+        let error = read(&utf16).unwrap_err().to_string();
+        assert!(error.contains(NAME) && error.contains("UTF-16"), "{error}");
     }
 
     #[test]

@@ -12,7 +12,9 @@ use nalgebra::{Point3, Vector3};
 use super::extent::Extent;
 use super::measured::{self, Maker};
 use super::raw::{FARTHEST, Positions, Raw};
-use super::{Doubt, DoubtKind, Error, MeshAs, memory, name_of, translation, whole_mm};
+use super::{
+    Doubt, DoubtKind, Error, MeshAs, Options, StatedFrame, frame, memory, name_of, translation, whole_mm,
+};
 use crate::geometry::cloud::View;
 use crate::geometry::mesh::Mesh;
 
@@ -131,7 +133,7 @@ pub(super) enum Taken {
 /// Tells a drawn mesh from a measured one, unless that is said.
 pub(super) fn taken(
     raw: Raw,
-    said: Option<MeshAs>,
+    options: &Options,
     extent: &Extent,
     mm_per_unit: f64,
     path: &Path,
@@ -141,10 +143,10 @@ pub(super) fn taken(
     let origin = whole_mm(extent.middle, mm_per_unit);
     let mesh = stitched(&raw, extent, origin, mm_per_unit);
     let pictured = || {
-        let camera = super::frame::camera_of(&raw, extent, &mut Vec::new());
+        let camera = frame::camera_of(&raw, extent, &mut Vec::new());
         camera.is_some_and(|at| measured::is_picture(&raw, at))
     };
-    let maker = match (said, &mesh) {
+    let maker = match (options.mesh_as, &mesh) {
         (Some(MeshAs::Cad), _) | (None, None) => Maker::Drawn,
         (Some(MeshAs::Scan), _) => Maker::Measured("as given".into()),
         (None, Some(_)) if pictured() => Maker::Measured("its faces are the pixels of one picture".into()),
@@ -168,18 +170,35 @@ pub(super) fn taken(
     };
     notes.push(format!("mesh of {} triangles taken as a scan ({why})", raw.triangles.len()));
     let mesh = mesh.map(|(mesh, _)| mesh);
-    Ok(Taken::Scan(Box::new(cloud(raw, mesh.as_ref(), origin, mm_per_unit, extent))))
+    let camera_said = options.camera_mm.is_some() || options.frame == Some(StatedFrame::Camera);
+    Ok(Taken::Scan(Box::new(cloud(raw, mesh.as_ref(), origin, mm_per_unit, extent, camera_said))))
 }
+
+/// Of a facet's sides, how many times the shortest the longest may be where a surface is: pixels are square, and seen at 75 degrees
+/// from the normal four times as long as wide.
+const LEAP: f64 = 4.0;
 
 /// The vertices of a measured mesh. Where no camera is known they have the normals of their facets, and where they are too far
 /// apart for the search, points on the facets between them.
-fn cloud(raw: Raw, mesh: Option<&Mesh>, origin: Vector3<f64>, mm_per_unit: f64, extent: &Extent) -> Raw {
+fn cloud(
+    raw: Raw,
+    mesh: Option<&Mesh>,
+    origin: Vector3<f64>,
+    mm_per_unit: f64,
+    extent: &Extent,
+    camera_said: bool,
+) -> Raw {
     let vertices = Raw { triangles: Vec::new(), notes: Vec::new(), ..raw.clone() };
+    let Some(mesh) = mesh else { return vertices };
     // A soup has each of its vertices several times.
     let is_soup = raw.positions.len() == 3 * raw.triangles.len();
-    let Some(mesh) = mesh else { return vertices };
-    if !is_soup && super::frame::camera_of(&vertices, extent, &mut Vec::new()).is_some() {
-        return vertices;
+    let in_file = |p: &Point3<f64>| p / mm_per_unit + origin;
+    let camera_known = camera_said
+        || frame::camera_of(&vertices, extent, &mut Vec::new()).is_some()
+        || matches!(frame::suspicion(&vertices), frame::Suspicion::Is);
+    if camera_known {
+        let once = || Positions::Double(mesh.vertices.iter().map(in_file).collect());
+        return if is_soup { Raw { positions: once(), ..vertices } } else { vertices };
     }
     let (mut points, mut normals) = (mesh.vertices.clone(), vertex_normals(mesh));
     let spacing_mm = finest_mm(extent.diagonal * mm_per_unit);
@@ -188,7 +207,12 @@ fn cloud(raw: Raw, mesh: Option<&Mesh>, origin: Vector3<f64>, mm_per_unit: f64, 
     let spacing_mm = spacing_mm.max((area / room as f64).sqrt());
     for f in 0..mesh.facets.len() as u32 {
         let [a, b, c] = mesh.corners(f);
-        let longest_mm = (b - a).norm().max((c - b).norm()).max((a - c).norm());
+        let sides_mm = [(b - a).norm(), (c - b).norm(), (a - c).norm()];
+        let longest_mm = sides_mm.into_iter().fold(0.0, f64::max);
+        // Where a picture leaps from one thing to what is behind it, its facets are long and thin: nothing is there.
+        if sides_mm.into_iter().any(|mm| LEAP * mm < longest_mm) {
+            continue;
+        }
         let parts = (longest_mm / spacing_mm).ceil() as usize;
         let share = |k: usize| k as f64 / parts as f64;
         // Corners are there, and each edge belongs to two facets: half of its points are enough.
@@ -197,7 +221,6 @@ fn cloud(raw: Raw, mesh: Option<&Mesh>, origin: Vector3<f64>, mm_per_unit: f64, 
         points.extend(added);
         normals.resize(points.len(), mesh.normals[f as usize]);
     }
-    let in_file = |p: &Point3<f64>| p / mm_per_unit + origin;
     let positions = Positions::Double(points.iter().map(in_file).collect());
     let known = if is_wound_one_way(mesh) { normals } else { Vec::new() };
     Raw { positions, normals: known.iter().map(|n| n.cast()).collect(), ..vertices }

@@ -143,7 +143,8 @@ pub(super) fn tool(trial: &Trial, cameras: &dyn Fn(f64) -> Vec<Isometry3<f64>>) 
         tried.min_by(|a, b| a.0.total_cmp(&b.0)).map_or(0.0, |(_, mm)| mm)
     };
     let coarse = best(LENGTHS_MM.map(|k| f64::from(k) * STEP_MM).collect());
-    best((-10..=10).map(|k| coarse + f64::from(k) * STEP_MM / 10.0).collect())
+    // Views slide along their faces before they part: more than its tens the length does not show.
+    best((-2..=2).map(|k| coarse + f64::from(k) * STEP_MM / 2.0).collect())
 }
 
 /// Moved along its own z.

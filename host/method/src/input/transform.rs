@@ -140,7 +140,6 @@ pub(super) enum Mount {
 /// a matrix of OpenCV's FileStorage or of Zivid.
 pub(super) fn of_file(file: &Path, mount: Mount) -> Result<Isometry3<f64>, Error> {
     let bytes = read_at_most(file, super::SETTINGS_BYTES)?;
-    super::foreign::refuse(&bytes, file)?;
     let bad = |problem: String, help: &str| Error::malformed(file, "calibration", problem, help);
     if bytes.len() > LARGEST_FILE {
         return Err(bad(format!("{} bytes are too many for a calibration", bytes.len()), HANDEYE));
