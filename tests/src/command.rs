@@ -111,6 +111,15 @@ impl Running {
         drop(self.child.stdin.take());
     }
 
+    /// A signal by its name: INT, TERM.
+    ///
+    /// # Panics
+    /// If it cannot be sent.
+    pub fn signal(&self, name: &str) {
+        let command = format!("kill -{name} {}", self.child.id());
+        assert!(Command::new("sh").args(["-c", &command]).status().expect("sh").success(), "{command}");
+    }
+
     /// Ends it as nothing else can be ended.
     pub fn kill(mut self) {
         self.child.kill().expect("it ran");

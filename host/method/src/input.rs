@@ -427,12 +427,15 @@ fn single(mut raw: Raw, path: &Path, options: &Options) -> Result<Scan, Error> {
     let mm_per_unit = units::decide(options.units, raw.unit, &extent, &mut notes, &mut warnings);
     let mut doubts = Vec::new();
     if !raw.triangles.is_empty() {
-        match mesh::taken(raw, options, &extent, mm_per_unit, path, &mut notes, &mut doubts)? {
+        match mesh::taken(raw, options, &extent, mm_per_unit, path, &mut notes)? {
             mesh::Taken::Cad(view) => {
                 let scan = Scan::of(vec![*view], CloudFrame::Unknown, path);
                 return Ok(Scan { notes, warnings, ..scan });
             }
-            mesh::Taken::Scan(cloud) => raw = *cloud,
+            mesh::Taken::Scan(cloud, doubt) => {
+                raw = *cloud;
+                doubts.extend(doubt);
+            }
         }
         raw.clean(path, &mut notes)?;
     }

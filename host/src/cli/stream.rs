@@ -249,26 +249,15 @@ struct Weld<'a> {
     said: Option<u16>,
     /// The operator has ended it.
     stopped: bool,
-    /// It goes on with what another host began.
-    begins_amid: bool,
+    /// When its start was asked for; none if it goes on with what another host began.
+    started: Option<Instant>,
 }
 
 impl<'a> Weld<'a> {
     fn new(args: &'a Args, link: &'a Link, upload: &'a Upload, path: u16, keys: Keys) -> Self {
         let template = "{bar:32} {pos}/{len} waypoints {elapsed:>4}, {eta} left {msg}";
         let bar = progress::bar(args.quiet || !keys.is_terminal(), upload.waypoints.len() as u64, template);
-        Self {
-            args,
-            link,
-            upload,
-            path,
-            keys,
-            bar,
-            state: None,
-            said: None,
-            stopped: false,
-            begins_amid: false,
-        }
+        Self { args, link, upload, path, keys, bar, state: None, said: None, stopped: false, started: None }
     }
 
     fn say(&self, text: &str) -> Result<(), Failure> {
@@ -325,7 +314,6 @@ impl<'a> Weld<'a> {
             return Err(Failure::new(Exit::Input, why).hint("plan as before, or --from-mm with the new plan"));
         }
         self.path = former.path;
-        self.begins_amid = true;
         self.keep_session(kept)?;
         let (mut told, mut entered) = (None, !self.keys.is_terminal());
         loop {
@@ -448,6 +436,7 @@ impl<'a> Weld<'a> {
     fn start(&mut self) -> Result<Option<Refusal>, Failure> {
         self.arm()?;
         self.bar.set_message("h hold, r resume, s stop");
+        self.started = Some(Instant::now());
         match self.ask(Command::Start { path: self.path })? {
             Answer::Refused(why) => Ok(Some(why)),
             _ => Ok(None),
@@ -475,7 +464,7 @@ impl<'a> Weld<'a> {
             if state.finished == Some(self.path) {
                 self.bar.finish_and_clear();
                 let took_s = began.elapsed().as_secs_f64();
-                self.was_played(took_s)?;
+                self.was_played()?;
                 return self
                     .say(&format!("finished, {took_s:.1} s; the pendant is {}", state_words(state.state)));
             }
@@ -485,11 +474,10 @@ impl<'a> Weld<'a> {
     }
 
     /// No path takes less than its moves at their feeds.
-    fn was_played(&self, took_s: f64) -> Result<(), Failure> {
+    fn was_played(&self) -> Result<(), Failure> {
         let least_s = 0.9 * self.upload.time_s();
-        if self.begins_amid || took_s >= least_s {
-            return Ok(());
-        }
+        let took_s = self.started.map(|started| started.elapsed().as_secs_f64());
+        let Some(took_s) = took_s.filter(|took_s| *took_s < least_s) else { return Ok(()) };
         let why = format!(
             "the pendant says after {took_s:.1} s that the path is finished, whose moves alone take {:.1} s: \
              it was not played",

@@ -6,7 +6,7 @@
 
 use std::path::{Path, PathBuf};
 
-use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Matrix3, Matrix4, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use serde_json::{Value, json};
 use weldpath::evaluation::{Options, PathSet, Score, Truth, score};
 use weldpath::input;
@@ -347,30 +347,44 @@ fn each_pose(manifest: &mut Manifest, pose: impl Fn(&Isometry3<f64>) -> Value) {
     }
 }
 
+fn at(pose: &Isometry3<f64>) -> Vector3<f64> {
+    pose.translation.vector
+}
+
+fn six(t: Vector3<f64>, r: [f64; 3]) -> Value {
+    json!([t.x, t.y, t.z, r[0], r[1], r[2]])
+}
+
+fn rpy(pose: &Isometry3<f64>) -> [f64; 3] {
+    let (roll, pitch, yaw) = pose.rotation.euler_angles();
+    [roll, pitch, yaw]
+}
+
+fn quaternion(pose: &Isometry3<f64>, key: &str, w_first: bool) -> Value {
+    let q = pose.rotation.coords;
+    let four = if w_first { [q.w, q.x, q.y, q.z] } else { [q.x, q.y, q.z, q.w] };
+    json!({"xyz": at(pose).as_slice(), key: four})
+}
+
+fn rows(matrix: &Matrix4<f64>) -> Value {
+    json!(matrix.row_iter().map(|row| row.iter().copied().collect()).collect::<Vec<Vec<f64>>>())
+}
+
+/// Each refusal names both parts.
+fn named(refusals: Vec<(String, [&str; 2])>) {
+    let wrong: Vec<String> = refusals
+        .into_iter()
+        .filter(|(said, parts)| !parts.iter().all(|part| said.contains(part)))
+        .map(|(said, parts)| format!("{parts:?}: {said}"))
+        .collect();
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
 #[test]
-fn a_refusal_names_the_mistake_that_it_found_by_trying() {
-    let six = |t: Vector3<f64>, r: [f64; 3]| json!([t.x, t.y, t.z, r[0], r[1], r[2]]);
-    let rpy = |pose: &Isometry3<f64>| {
-        let (roll, pitch, yaw) = pose.rotation.euler_angles();
-        [roll, pitch, yaw]
-    };
-    let at = |pose: &Isometry3<f64>| pose.translation.vector;
-    let quaternion = |pose: &Isometry3<f64>, key: &str, w_first: bool| {
-        let q = pose.rotation.coords;
-        let four = if w_first { [q.w, q.x, q.y, q.z] } else { [q.x, q.y, q.z, q.w] };
-        json!({"xyz": at(pose).as_slice(), key: four})
-    };
-    let matrix = |pose: &Isometry3<f64>, transposed: bool| {
-        let mut rows = pose.to_homogeneous();
-        if transposed {
-            let turned = rows.fixed_view::<3, 3>(0, 0).transpose();
-            rows.fixed_view_mut::<3, 3>(0, 0).copy_from(&turned);
-        }
-        json!(rows.row_iter().map(|row| row.iter().copied().collect()).collect::<Vec<Vec<f64>>>())
-    };
+fn poses_that_are_written_otherwise_are_refused_by_the_reading_that_fits() {
     let right = said(|_| {});
     assert!(!right.contains("misreadings") && right.contains("units: metres"), "{right}");
-    let rows: Vec<(String, [&str; 2])> = vec![
+    named(vec![
         (
             said(|m| each_pose(m, |p| six(at(p), rpy(p)))),
             ["RPY about x, y, z in radians", "rotation vectors"],
@@ -412,18 +426,26 @@ fn a_refusal_names_the_mistake_that_it_found_by_trying() {
             ["w is last", "quaternion_xyzw"],
         ),
         (
-            said(|m| each_pose(m, |p| matrix(p, true))),
+            said(|m| {
+                each_pose(m, |p| {
+                    let mut turned = p.to_homogeneous();
+                    let rotation = turned.fixed_view::<3, 3>(0, 0).transpose();
+                    turned.fixed_view_mut::<3, 3>(0, 0).copy_from(&rotation);
+                    rows(&turned)
+                })
+            }),
             ["the rotations of base_from_flange are transposed", "row by row"],
         ),
         (
-            said(|m| {
-                each_pose(m, |p| {
-                    let rows = p.to_homogeneous().transpose();
-                    json!(rows.row_iter().map(|row| row.iter().copied().collect()).collect::<Vec<Vec<f64>>>())
-                })
-            }),
+            said(|m| each_pose(m, |p| rows(&p.to_homogeneous().transpose()))),
             ["column by column", "Transpose"],
         ),
+    ]);
+}
+
+#[test]
+fn hand_eye_depth_and_images_that_are_meant_otherwise_are_refused_by_what_fits() {
+    named(vec![
         (
             said(|m| {
                 m.json["units"] = json!("mm");
@@ -454,13 +476,11 @@ fn a_refusal_names_the_mistake_that_it_found_by_trying() {
             }),
             ["each image belongs to the pose before its own", "missing"],
         ),
-    ];
-    let wrong: Vec<String> = rows
-        .into_iter()
-        .filter(|(said, parts)| !parts.iter().all(|part| said.contains(part)))
-        .map(|(said, parts)| format!("{parts:?}: {said}"))
-        .collect();
-    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+    ]);
+}
+
+#[test]
+fn views_that_no_reading_fits_are_refused_with_that() {
     let lost = said(|m| {
         let mut random = Random::new(3);
         let poses: Vec<_> =

@@ -3,9 +3,11 @@
 use std::convert::Infallible;
 use std::fs::File;
 use std::io::{Read, Write};
+use std::os::unix::net::UnixStream;
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::thread;
+use std::time::Duration;
 
 use nalgebra::{Isometry3, Point3, UnitQuaternion};
 use weldpath::output::frame::PathFrame;
@@ -22,7 +24,8 @@ use weldpath_core::interlock::State;
 use weldpath_core::pendant::JOG_LIMITS;
 use weldpath_core::wire::frame::{self, Received};
 use weldpath_core::wire::{
-    self, FromHost, FromPendant, HelloRefusal, HelloRefused, HostDeframer, HostMessage, PendantMessage,
+    self, FromHost, FromPendant, HelloAck, HelloRefusal, HelloRefused, HostDeframer, HostMessage,
+    PendantMessage,
 };
 use weldpath_tests::adversary::Random;
 use weldpath_tests::command::{Running, ends_well, weldpath};
@@ -84,7 +87,7 @@ fn a_program_is_loaded_held_resumed_and_finished_over_a_pty_that_damages_bytes()
     assert!(!held.arc);
     host.wait_for(&["hold was asked for; r resumes"]);
     pendant.grip();
-    std::thread::sleep(std::time::Duration::from_millis(200));
+    std::thread::sleep(Duration::from_millis(200));
     host.press(b"r");
     pendant.wait_for("the arc again", |seen| seen.arc && seen.segment + 3 >= held.segment);
     assert!(ended_well(host).contains("loaded 6"));
@@ -166,7 +169,7 @@ fn at_a_terminal_single_keys_start_hold_resume_and_stop_and_it_is_given_back_as_
         pendant.wait_for("the hold", |seen| seen.state == State::Held);
         host.wait_for(&["hold was asked for; r resumes"]);
         pendant.grip();
-        std::thread::sleep(std::time::Duration::from_millis(200));
+        std::thread::sleep(Duration::from_millis(200));
         keyboard.write_all(b"r").unwrap();
         pendant.wait_for("the arc again", |seen| seen.arc);
     }
@@ -259,6 +262,111 @@ fn stop_ends_the_weld_for_good_and_says_so_by_its_exit_code() {
 }
 
 #[test]
+fn a_signal_that_ends_the_host_stops_the_weld_first() {
+    for signal in ["INT", "TERM"] {
+        let (pendant, folder) = (InProcess::on_socket().unwrap(), tempfile::tempdir().unwrap());
+        let host = stream(&pendant, folder.path());
+        grip(&pendant);
+        pendant.wait_for("the weld", |seen| seen.arc);
+        host.signal(signal);
+        let ended = host.end();
+        assert_eq!(ended.code, Some(7), "{}", ended.said);
+        assert!(ended.said.contains("stop was asked for"), "not by silence: {}", ended.said);
+        assert!(!pendant.wait_for("the abort", |seen| seen.state == State::Disabled).arc);
+    }
+}
+
+/// What a device at the other end does with the frames of a host; bytes that it says whenever the host is quiet.
+fn device(mut stream: UnixStream, answers: impl Fn(FromHost) -> Option<FromPendant>, noise: &[u8]) {
+    stream.set_read_timeout(Some(Duration::from_millis(50))).unwrap();
+    let mut bytes = HostDeframer::new();
+    loop {
+        let mut byte = [0];
+        let got = match stream.read(&mut byte) {
+            Ok(1) => byte[0],
+            Err(error) if error.kind() == std::io::ErrorKind::WouldBlock => {
+                if stream.write_all(noise).is_err() {
+                    return;
+                }
+                continue;
+            }
+            _ => return,
+        };
+        let Some(Received::Payload(payload)) = bytes.push(got) else { continue };
+        let Some(message) = frame::decode(payload).ok().and_then(&answers) else { continue };
+        let mut out = [0; wire::MAX_PENDANT_FRAME];
+        let length = frame::encode(&message, &mut out).unwrap();
+        if stream.write_all(&out[..length]).is_err() {
+            return;
+        }
+    }
+}
+
+fn at_the_other_end(
+    answers: impl Fn(FromHost) -> Option<FromPendant> + Send + 'static,
+    noise: &'static [u8],
+) -> Line {
+    let (ours, theirs) = UnixStream::pair().unwrap();
+    thread::spawn(move || device(theirs, answers, noise));
+    ours.set_read_timeout(Some(serial::READ_TIMEOUT)).unwrap();
+    Line { reader: Box::new(ours.try_clone().unwrap()), writer: Box::new(ours) }
+}
+
+/// A pendant that opens a session, its acknowledgement changed by `change`, answers pings, and nothing else.
+fn opens(change: impl Fn(FromPendant) -> FromPendant + Send + 'static) -> Line {
+    let limits = weldpath_core::pendant::Config::default().limits(512);
+    let answers = move |FromHost { session, message }: FromHost| match message {
+        HostMessage::Hello(hello) => {
+            let (version, nonce, firmware) = (wire::VERSION, hello.nonce, wire::Firmware::default());
+            let ack = HelloAck { version, nonce, boot: 7, tick: 1, request: 0, firmware, limits };
+            let session = wire::session_id(7, nonce);
+            Some(change(FromPendant { session, message: PendantMessage::HelloAck(ack) }))
+        }
+        HostMessage::Ping(ping) => {
+            Some(FromPendant { session, message: PendantMessage::Pong { token: ping.token, tick: 1 } })
+        }
+        _ => None,
+    };
+    at_the_other_end(answers, &[])
+}
+
+#[test]
+fn a_session_whose_version_or_id_is_another_is_none() {
+    assert!(Link::open(opens(|ack| ack)).is_ok());
+    let old = opens(|ack| match ack.message {
+        PendantMessage::HelloAck(old) => {
+            FromPendant { message: PendantMessage::HelloAck(HelloAck { version: 1, ..old }), ..ack }
+        }
+        _ => ack,
+    });
+    assert!(matches!(Link::open(old).err(), Some(Error::Version { host: wire::VERSION, pendant: 1 })));
+    let wrong = opens(|ack| FromPendant { session: ack.session ^ 1, ..ack });
+    assert!(matches!(Link::open(wrong).err(), Some(Error::NoAnswer(_))));
+}
+
+#[test]
+fn a_pendant_that_speaks_and_does_not_answer_ends_a_command_after_five_seconds() {
+    let link = Link::open(opens(|ack| ack)).unwrap();
+    let asked = std::time::Instant::now();
+    assert!(matches!(link.ask(wire::Command::GetLimits), Err(Error::NoReply)));
+    assert!((5..8).contains(&asked.elapsed().as_secs()), "{:?}", asked.elapsed());
+}
+
+#[test]
+fn bytes_that_are_no_frames_are_counted_and_the_first_of_them_shown() {
+    let error = Link::open(at_the_other_end(|_| None, b"$GPGGA,1")).err().unwrap();
+    let said = error.to_string();
+    assert!(said.contains("bytes came that are no frames, first 24 47 50 47 47 41 2c 31"), "{said}");
+    assert!(error.hint().contains("another device"), "{}", error.hint());
+    // A frame of another version: its checksum is right.
+    let mut frame_of_another = [0; 64];
+    let length = frame::encode(&(0_u32, 200_u8, 7_u8), &mut frame_of_another).unwrap();
+    let bytes: &'static [u8] = frame_of_another[..length].to_vec().leak();
+    let error = Link::open(at_the_other_end(|_| None, bytes)).err().unwrap();
+    assert!(error.to_string().contains("frames came that are no messages of protocol version"), "{error}");
+}
+
+#[test]
 fn a_second_host_is_refused_and_the_first_goes_on() {
     let (pendant, folder) = (InProcess::on_socket().unwrap(), tempfile::tempdir().unwrap());
     let first = stream(&pendant, folder.path());
@@ -271,7 +379,7 @@ fn a_second_host_is_refused_and_the_first_goes_on() {
 }
 
 /// A pendant of another version.
-fn answer_with_version(mut stream: std::os::unix::net::UnixStream, version: u16) {
+fn answer_with_version(mut stream: UnixStream, version: u16) {
     let mut bytes = HostDeframer::new();
     let mut byte = [0];
     while stream.read_exact(&mut byte).is_ok() {
@@ -289,17 +397,17 @@ fn answer_with_version(mut stream: std::os::unix::net::UnixStream, version: u16)
 
 #[test]
 fn another_version_is_refused_with_both_numbers_and_a_silent_line_after_two_seconds() {
-    let line = |stream: std::os::unix::net::UnixStream| {
+    let line = |stream: UnixStream| {
         stream.set_read_timeout(Some(serial::READ_TIMEOUT)).unwrap();
         Line { reader: Box::new(stream.try_clone().unwrap()), writer: Box::new(stream) }
     };
-    let (ours, theirs) = std::os::unix::net::UnixStream::pair().unwrap();
+    let (ours, theirs) = UnixStream::pair().unwrap();
     thread::spawn(move || answer_with_version(theirs, 9));
     let error = Link::open(line(ours)).err().unwrap();
     assert!(matches!(error, Error::Version { host: wire::VERSION, pendant: 9 }), "{error}");
-    let (ours, _theirs) = std::os::unix::net::UnixStream::pair().unwrap();
+    let (ours, _theirs) = UnixStream::pair().unwrap();
     assert!(matches!(Link::open(line(ours)).err(), Some(Error::NoAnswer(_))));
-    let (ours, theirs) = std::os::unix::net::UnixStream::pair().unwrap();
+    let (ours, theirs) = UnixStream::pair().unwrap();
     drop(theirs);
     assert!(matches!(Link::open(line(ours)).err(), Some(Error::Line(_))));
 }
@@ -313,6 +421,7 @@ fn monitor_listens_and_leaves_the_pendant_as_it_is() {
         said.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     assert_eq!(reports.len(), 3);
     assert!(reports.iter().all(|report| report["state"] == "Disabled"));
+    assert_eq!(reports[0]["pose"]["orientation_q15"], serde_json::json!([32767, 0, 0, 0]), "numbers");
     assert_eq!(pendant.seen().heard_tick, 0, "it said nothing");
 }
 
@@ -460,12 +569,12 @@ fn killed_and_resumed(seed: u64) {
     let host = stream(&pendant, folder.path());
     grip(&pendant);
     pendant.wait_for("the weld", |seen| seen.segment >= at && seen.arc_on_tick > 0);
-    thread::sleep(std::time::Duration::from_micros(random.below(60_000)));
+    thread::sleep(Duration::from_micros(random.below(60_000)));
     host.kill();
     let held = pendant.wait_for("the hold", |seen| seen.state == State::Held);
     let mut host = Running::start(&mut command(&pendant, folder.path(), &["--resume", "--back-mm", "2"]));
     host.wait_for(&["waiting for the enabling switch"]);
-    thread::sleep(std::time::Duration::from_millis(300));
+    thread::sleep(Duration::from_millis(300));
     let waiting = pendant.seen();
     assert_eq!(
         (waiting.state, waiting.arc_on_tick),

@@ -627,6 +627,19 @@ fn readings_of_poses(
         );
         all.push(Reading::new(says, write, cameras(length_mm)));
     }
+    all.extend(readings_of_values(manifest, unit, hand_eye, key, &values));
+    all
+}
+
+/// What the numbers of the poses may mean instead.
+fn readings_of_values(
+    manifest: &Manifest,
+    unit: Unit,
+    hand_eye: Isometry3<f64>,
+    key: &str,
+    values: &[&Value],
+) -> Vec<Reading> {
+    let mut all = Vec::new();
     let tcp = manifest.flange_from_tcp.as_ref().and_then(|tcp| transform::parse(tcp, unit).ok());
     let camera = |pose: Isometry3<f64>| match key {
         "flange_from_base" => pose.inverse() * hand_eye,
@@ -637,17 +650,9 @@ fn readings_of_poses(
         let cameras = poses.map(|poses| poses.into_iter().map(camera).collect());
         all.extend(cameras.map(|cameras| Reading::new(says, write, cameras)));
     };
-    let six = |value: &Value| -> Option<[f64; 6]> {
-        if let Ok(six) = serde_json::from_value(value.clone()) {
-            return Some(six);
-        }
-        let three = |key: &str| serde_json::from_value::<[f64; 3]>(value.get(key)?.clone()).ok();
-        let ([x, y, z], [a, b, c]) = (three("xyz")?, three("rotation_vector_rad")?);
-        Some([x, y, z, a, b, c])
-    };
     let pose =
-        |[x, y, z]: [f64; 3], turn| Isometry3::from_parts((Vector3::new(x, y, z) * of_unit).into(), turn);
-    if let Some(all_six) = values.iter().map(|value| six(value)).collect::<Option<Vec<_>>>() {
+        |[x, y, z]: [f64; 3], turn| Isometry3::from_parts((Vector3::new(x, y, z) * unit.mm()).into(), turn);
+    if let Some(all_six) = values.iter().map(|value| six_numbers(value)).collect::<Option<Vec<_>>>() {
         for k in 0..misreading::angles([0.0; 3]).len() {
             let read = |[x, y, z, a, b, c]: [f64; 6]| pose([x, y, z], misreading::angles([a, b, c])[k].1);
             let poses: Vec<_> = all_six.iter().copied().map(read).collect();
@@ -677,6 +682,16 @@ fn readings_of_poses(
     let says = format!("the rotations of {key} are transposed");
     push(&says, "Write the matrices row by row".into(), values.iter().map(transposed).collect());
     all
+}
+
+/// A place and three angles, however they are written.
+fn six_numbers(value: &Value) -> Option<[f64; 6]> {
+    if let Ok(six) = serde_json::from_value(value.clone()) {
+        return Some(six);
+    }
+    let three = |key: &str| serde_json::from_value::<[f64; 3]>(value.get(key)?.clone()).ok();
+    let ([x, y, z], [a, b, c]) = (three("xyz")?, three("rotation_vector_rad")?);
+    Some([x, y, z, a, b, c])
 }
 
 /// Warns of poses and depths that are possible, but probably in a wrong unit.

@@ -126,8 +126,8 @@ struct Facet {
 pub(super) enum Taken {
     /// Drawn: exact.
     Cad(Box<View>),
-    /// Measured: a cloud.
-    Scan(Box<Raw>),
+    /// Measured: a cloud; with what its data left open.
+    Scan(Box<Raw>, Option<Doubt>),
 }
 
 /// Tells a drawn mesh from a measured one, unless that is said.
@@ -138,7 +138,6 @@ pub(super) fn taken(
     mm_per_unit: f64,
     path: &Path,
     notes: &mut Vec<String>,
-    doubts: &mut Vec<Doubt>,
 ) -> Result<Taken, Error> {
     let origin = whole_mm(extent.middle, mm_per_unit);
     let mesh = stitched(&raw, extent, origin, mm_per_unit);
@@ -152,6 +151,7 @@ pub(super) fn taken(
         (None, Some(_)) if pictured() => Maker::Measured("its faces are the pixels of one picture".into()),
         (None, Some((mesh, precision_mm))) => measured::maker(mesh, *precision_mm),
     };
+    let mut doubt = None;
     let why = match maker {
         Maker::Drawn => {
             let mesh = mesh.map(|(mesh, _)| Arc::new(mesh.with_faces()));
@@ -164,14 +164,15 @@ pub(super) fn taken(
                 "{}: its data do not say whether this mesh was drawn or scanned ({why}): taken as a scan; say --as cad if it is CAD",
                 name_of(path)
             );
-            doubts.push(Doubt { kind: DoubtKind::CadOrScan, words });
+            doubt = Some(Doubt { kind: DoubtKind::CadOrScan, words });
             why
         }
     };
     notes.push(format!("mesh of {} triangles taken as a scan ({why})", raw.triangles.len()));
     let mesh = mesh.map(|(mesh, _)| mesh);
     let camera_said = options.camera_mm.is_some() || options.frame == Some(StatedFrame::Camera);
-    Ok(Taken::Scan(Box::new(cloud(raw, mesh.as_ref(), origin, mm_per_unit, extent, camera_said))))
+    let cloud = cloud(raw, mesh.as_ref(), origin, mm_per_unit, extent, camera_said);
+    Ok(Taken::Scan(Box::new(cloud), doubt))
 }
 
 /// Of a facet's sides, how many times the shortest the longest may be where a surface is: pixels are square, and seen at 75 degrees

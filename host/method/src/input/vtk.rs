@@ -13,68 +13,23 @@ const HELP: &str =
 
 /// Reads the points, and the polygons where there are any.
 pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<Raw, Error> {
-    let mut file = Cursor { rest: bytes, lines: 0 };
+    let mut file = Cursor { rest: bytes, lines: 0, bytes: bytes.len(), path };
     let mut ascii = None;
     let mut points: Option<Vec<Point3<f64>>> = None;
     let mut polygons: Option<Vec<[usize; 3]>> = None;
     while let Some(line) = file.line() {
         let words: Vec<&str> = line.split_ascii_whitespace().collect();
-        let place = format!("line {}", file.lines);
-        let bad = |problem: String| Error::malformed(path, place.clone(), problem, HELP);
-        let count = |word: &str| word.parse::<u64>().map_err(|_| bad(format!("{word:?} is no count")));
         match *words {
             ["ASCII"] => ascii = Some(true),
             ["BINARY"] => ascii = Some(false),
             ["POINTS", number, kind] => {
-                let width = match kind {
-                    "float" => 4,
-                    "double" => 8,
-                    _ => return Err(bad(format!("points are of the type {kind:?}, not float or double"))),
-                };
-                let ascii = ascii.ok_or_else(|| bad("neither ASCII nor BINARY is said before it".into()))?;
-                let least = if ascii { 6 } else { 3 * width };
-                let slack = usize::from(ascii);
-                let claimed = count(number)?;
-                let number = records::check_count(
-                    claimed,
-                    least as u64,
-                    file.rest.len() + slack,
-                    "points",
-                    place.clone(),
-                    path,
-                )?;
-                memory::hold(path, bytes.len(), "points", number as u64, 24)?;
-                let mut next = || file.number(ascii, width);
-                let read = (0..number).map(|_| Some(Point3::new(next()?, next()?, next()?)));
-                points = Some(
-                    read.collect::<Option<_>>()
-                        .ok_or_else(|| bad("a coordinate is missing or no number".into()))?,
-                );
+                let none = || file.bad("neither ASCII nor BINARY is said before it".into());
+                let ascii = ascii.ok_or_else(none)?;
+                points = Some(file.points(number, kind, ascii)?);
             }
             ["POLYGONS", number, size] if points.is_some() => {
-                let (number, size) = (count(number)?, count(size)?);
-                let ascii = ascii.unwrap_or(true);
-                let least = if ascii { 2 } else { 4 };
-                let slack = usize::from(ascii);
-                let size = records::check_count(
-                    size,
-                    least,
-                    file.rest.len() + slack,
-                    "numbers",
-                    place.clone(),
-                    path,
-                )?;
                 let corners = points.as_ref().map_or(0, Vec::len);
-                memory::hold(
-                    path,
-                    bytes.len(),
-                    "corners of faces",
-                    size as u64,
-                    size_of::<[usize; 3]>() as u64,
-                )?;
-                let numbers: Option<Vec<usize>> = (0..size).map(|_| file.whole(ascii)).collect();
-                let numbers = numbers.ok_or_else(|| bad("an index is missing or no number".into()))?;
-                polygons = Some(fans(&numbers, number, corners).map_err(bad)?);
+                polygons = Some(file.polygons([number, size], ascii.unwrap_or(true), corners)?);
             }
             _ => {}
         }
@@ -109,9 +64,55 @@ fn fans(mut numbers: &[usize], polygons: u64, corners: usize) -> Result<Vec<[usi
 struct Cursor<'a> {
     rest: &'a [u8],
     lines: usize,
+    /// Of the whole file.
+    bytes: usize,
+    path: &'a Path,
 }
 
 impl<'a> Cursor<'a> {
+    fn place(&self) -> String {
+        format!("line {}", self.lines)
+    }
+
+    fn bad(&self, problem: String) -> Error {
+        Error::malformed(self.path, self.place(), problem, HELP)
+    }
+
+    /// A number of things, of which the rest of the file has room for as many, each of at least so many bytes.
+    fn count(&self, word: &str, least: u64, ascii: bool, what: &'static str) -> Result<usize, Error> {
+        let claimed = word.parse::<u64>().map_err(|_| self.bad(format!("{word:?} is no count")))?;
+        let room = self.rest.len() + usize::from(ascii);
+        records::check_count(claimed, least, room, what, self.place(), self.path)
+    }
+
+    fn points(&mut self, number: &str, kind: &str, ascii: bool) -> Result<Vec<Point3<f64>>, Error> {
+        let width = match kind {
+            "float" => 4,
+            "double" => 8,
+            _ => return Err(self.bad(format!("points are of the type {kind:?}, not float or double"))),
+        };
+        let number = self.count(number, if ascii { 6 } else { 3 * width as u64 }, ascii, "points")?;
+        memory::hold(self.path, self.bytes, "points", number as u64, 24)?;
+        let mut next = || self.number(ascii, width);
+        let read: Option<_> = (0..number).map(|_| Some(Point3::new(next()?, next()?, next()?))).collect();
+        read.ok_or_else(|| self.bad("a coordinate is missing or no number".into()))
+    }
+
+    /// Their triangles.
+    fn polygons(
+        &mut self,
+        [number, size]: [&str; 2],
+        ascii: bool,
+        corners: usize,
+    ) -> Result<Vec<[usize; 3]>, Error> {
+        let number = number.parse().map_err(|_| self.bad(format!("{number:?} is no count")))?;
+        let size = self.count(size, if ascii { 2 } else { 4 }, ascii, "numbers")?;
+        memory::hold(self.path, self.bytes, "corners of faces", size as u64, size_of::<[usize; 3]>() as u64)?;
+        let numbers: Option<Vec<usize>> = (0..size).map(|_| self.whole(ascii)).collect();
+        let numbers = numbers.ok_or_else(|| self.bad("an index is missing or no number".into()))?;
+        fans(&numbers, number, corners).map_err(|problem| self.bad(problem))
+    }
+
     /// The next line, in whatever code; a keyword stands alone on one.
     fn line(&mut self) -> Option<std::borrow::Cow<'a, str>> {
         if self.rest.is_empty() {

@@ -314,6 +314,16 @@ mod tests {
     }
 
     #[test]
+    fn a_pendant_that_says_a_limit_of_zero_is_refused_by_its_name() {
+        let program = [at(0.0, 0.0, 10.0, Kind::Air), at(50.0, 0.0, 10.0, Kind::Air)];
+        let none = Limits { max_step_um: 0, ..limits() };
+        assert_eq!(upload(&program, &none), Err(Error::Limits { what: "longest step" }));
+        let far = [at(0.0, 0.0, 10.0, Kind::Air), at(4000.0, 0.0, 10.0, Kind::Air)];
+        let counted = upload(&far, &limits()).unwrap_err().counted(|index| index + 40);
+        assert_eq!(counted, Error::Reach { index: 41, reach_mm: 3000 });
+    }
+
+    #[test]
     fn feed_and_arc_stand_where_a_move_begins() {
         let program = [
             at(0.0, 0.0, 150.0, Kind::Approach),
