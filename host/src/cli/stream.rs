@@ -19,7 +19,9 @@ use weldpath::pendant::teleop;
 use weldpath::run::job::Job;
 use weldpath::weld::program::Waypoint;
 use weldpath_core::interlock::State;
-use weldpath_core::wire::{self, Answer, Command, Field, ProcessTimes, Refusal, Telemetry, WirePose};
+use weldpath_core::wire::{
+    self, Answer, Command, Field, Firmware, ProcessTimes, Refusal, Telemetry, WirePose,
+};
 
 use super::folder::settle;
 use super::keys::{CTRL_C, Keys};
@@ -92,6 +94,9 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         (false, None) => {}
     }
     let limits = link.pendant().limits;
+    if !args.quiet {
+        print(&format!("{}\n", firmware_words(&link.pendant().firmware)))?;
+    }
     let upload = |program: &[Waypoint], count: &dyn Fn(usize) -> usize| {
         let upload = program::upload(program, &limits).map_err(|error| {
             Failure::new(Exit::Unfinished, error.counted(count))
@@ -125,6 +130,15 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     weld.keep_session(&kept)?;
     weld.wait_and_start()?;
     weld.watch()
+}
+
+/// Release and commit of the pendant's firmware.
+fn firmware_words(firmware: &Firmware) -> String {
+    let [major, minor, patch] = firmware.version;
+    match firmware.build {
+        0 => format!("pendant: firmware {major}.{minor}.{patch}, of no known commit"),
+        build => format!("pendant: firmware {major}.{minor}.{patch}, commit {build:08x}"),
+    }
 }
 
 /// What of the program is to be welded.

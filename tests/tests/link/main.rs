@@ -1,5 +1,6 @@
 //! The link in virtual time: protocol, faults, limits; what the firmware costs and what it cannot do.
 
+mod bring_up;
 mod firmware_cost;
 mod firmware_proofs;
 mod gesture_recordings;
