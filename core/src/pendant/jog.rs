@@ -9,6 +9,10 @@ use crate::path::TorchPose;
 use crate::rotation::Arc;
 use crate::wire::{JogLimits, Refusal, WirePose};
 
+/// Of speed times the time of a stop: a stop from full speed goes half of that. A fifth less, so that a robot that is slow is
+/// waited for, and not taken out of the hands for being off.
+const LEAD: f32 = 0.4;
+
 /// What hand-guided motion knows from tick to tick.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Jogging {
@@ -81,7 +85,7 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
         let ahead_um = torch.distance_um(next);
         let ahead_mrad = turn_mrad(torch, next);
         let leads =
-            |ahead: f32, before: f32, speed: u32| ahead > 0.5 * stop_s * speed as f32 && ahead > before;
+            |ahead: f32, before: f32, speed: u32| ahead > LEAD * stop_s * speed as f32 && ahead > before;
         leads(ahead_um, torch.distance_um(from), limits.speed_um_s)
             || leads(ahead_mrad, turn_mrad(torch, from), limits.turn_mrad_s)
     }

@@ -626,13 +626,14 @@ fn the_camera_is_never_commanded_farther_ahead_of_the_robot_than_it_stops_in() {
     cell.arm.limit(20.0);
     let mut ahead_um = 0.0_f32;
     for _ in 0..2_000 {
-        let (tick, _) = pushed(&mut cell, 1, &mut clock_ms);
+        let (tick, taken) = pushed(&mut cell, 1, &mut clock_ms);
+        assert!(taken && tick.motion, "it is waited for: {:?}", cell.seen().cause);
         if let Some(pose) = tick.robot.and_then(|frame| frame.pose) {
             ahead_um = ahead_um.max(pose.distance_um(&cell.arm.pose()));
         }
     }
-    // 100 mm/s with 500 mm/s^2: 10 mm, and what the encoders shake.
-    assert!((5_000.0..10_100.0).contains(&ahead_um), "{ahead_um}");
+    // From 100 mm/s with 500 mm/s^2 it stops in 10 mm.
+    assert!((5_000.0..8_300.0).contains(&ahead_um), "{ahead_um}");
 }
 
 #[test]
