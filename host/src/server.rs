@@ -18,21 +18,26 @@ pub use start::{Choice, Chooser, Start};
 use http::First;
 use weldpath_job::run::job::Job;
 
-/// Plans `job` and shows it until Ctrl-C, or until no page is open any more. `announce` is told the page's address, and
+/// Plans `job` and shows it at a port, with 0 at any that is free, until Ctrl-C, or until no page is open any more. `announce` is told the page's address, and
 /// another that leads there once, to be handed to a browser.
 ///
 /// # Errors
 /// If the system grants no port, no thread or no randomness.
-pub fn open(job: Job, workplace: Workplace, announce: impl FnOnce(&str, &str)) -> std::io::Result<()> {
+pub fn open(
+    job: Job,
+    workplace: Workplace,
+    port: u16,
+    announce: impl FnOnce(&str, &str),
+) -> std::io::Result<()> {
     let session = session::Session::new(job, workplace);
     planner::start(&session, session::Wish::Whole)?;
-    http::serve(First::Session(session), announce)
+    http::serve(First::Session(session), port, announce)
 }
 
 /// Shows a page on which something to open is chosen, and then that; else as [`open`].
 ///
 /// # Errors
 /// If the system grants no port or no randomness.
-pub fn choose(start: Start, announce: impl FnOnce(&str, &str)) -> std::io::Result<()> {
-    http::serve(First::Start(start), announce)
+pub fn choose(start: Start, port: u16, announce: impl FnOnce(&str, &str)) -> std::io::Result<()> {
+    http::serve(First::Start(start), port, announce)
 }

@@ -104,7 +104,7 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
 /// How far a position is outside the workspace, summed over the axes, µm.
 fn outside_um(pose: &WirePose, limits: &JogLimits) -> f32 {
     let bounds = limits.least_um.into_iter().zip(limits.most_um);
-    let beyond = |(um, (least, most)): (i32, (i32, i32))| um.abs_diff(um.clamp(least, most.max(least)));
+    let beyond = |(um, (least, most)): (i32, (i32, i32))| um.abs_diff(um.min(most).max(least));
     pose.position_um.into_iter().zip(bounds).map(beyond).map(|um| um as f32).sum()
 }
 

@@ -104,7 +104,7 @@ fn link(pendant: &mut Lent, deframer: &mut HostDeframer, panel: &Panel) {
         }
     }
     if let Some(told) = black_box(pendant.tick(panel)).robot {
-        let _ = black_box(told.encode(any()));
+        told.write(black_box(any()));
     }
     let _ = black_box(pendant.answer(any(), any::<Answer>()));
     if let Some(message) = pendant.transmit() {

@@ -1,6 +1,6 @@
 //! `weldpath open`: a job and its scan in the browser.
 
-use std::io::Write;
+use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::Arc;
@@ -12,7 +12,7 @@ use weldpath::server::{self, Choice, Start, Workplace};
 use weldpath::simulation::{self, Part};
 
 use super::folder::{Folder, FolderArgs};
-use super::{Exit, Failure, plan, simulate, tell};
+use super::{Exit, Failure, plan, simulate, tell, whole};
 
 /// Look, choose, correct and plan again in the browser
 ///
@@ -42,6 +42,9 @@ pub(super) struct Args {
     /// Only print the address
     #[arg(long)]
     no_browser: bool,
+    /// Serve the page at this port of 127.0.0.1, for instance to forward it through SSH [default: any that is free]
+    #[arg(long, value_name = "N", value_parser = whole::<u16>)]
+    port: Option<u16>,
 }
 
 /// Where the results go, if neither the command line nor the input says.
@@ -55,14 +58,23 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     args.memory_mb.into_iter().for_each(input::memory::limit_mb);
     let how = How { folder: args.folder, allow_outside: args.allow_outside, keeps: !args.no_cache };
     let announce = |address: &str, ticket: &str| announce(address, (!args.no_browser).then_some(ticket));
+    let port = args.port.unwrap_or(0);
     let served = match &args.input {
         Some(input) => {
             let (job, workplace) = how.opened(input, args.out.as_deref())?;
-            server::open(job, workplace, announce)
+            server::open(job, workplace, port, announce)
         }
-        None => server::choose(start(how, args.out.as_deref())?, announce),
+        None => server::choose(start(how, args.out.as_deref())?, port, announce),
     };
-    served.map_err(|error| Failure::new(Exit::Output, format!("the page cannot be served: {error}")))
+    served.map_err(|error| {
+        let taken = error.kind() == ErrorKind::AddrInUse;
+        let failure = Failure::new(Exit::Output, format!("the page cannot be served: {error}"));
+        if taken {
+            failure.hint("another program has that port: take another --port, or none")
+        } else {
+            failure
+        }
+    })
 }
 
 /// The start page: it reads and writes what is typed on it, the folder of the example, and that of the results.

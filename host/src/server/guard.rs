@@ -4,6 +4,7 @@
 //! page's origin with each request that changes something; and a name of its own that it lets lead to 127.0.0.1 (DNS
 //! rebinding) stands in `Host`.
 
+use std::borrow::Cow;
 use std::net::SocketAddr;
 
 use hyper::header::{CONTENT_TYPE, HOST, HeaderMap, HeaderName, ORIGIN};
@@ -23,7 +24,7 @@ pub(super) fn token() -> std::io::Result<String> {
 }
 
 /// Why a request is not answered.
-pub(super) type Refusal = (StatusCode, &'static str);
+pub(super) type Refusal = (StatusCode, Cow<'static, str>);
 
 /// The door of one server.
 #[derive(Debug)]
@@ -65,32 +66,35 @@ impl Door {
         let named = |name: HeaderName| headers.get(name).and_then(|value| value.to_str().ok());
         let host = named(HOST).filter(|host| self.hosts.iter().any(|own| own == host));
         let Some(host) = host else {
-            return Err((StatusCode::MISDIRECTED_REQUEST, "this server is 127.0.0.1 and nothing else"));
+            return Err((StatusCode::MISDIRECTED_REQUEST, self.elsewhere().into()));
         };
         let own = format!("http://{host}");
         let foreign = headers.contains_key(ORIGIN) && named(ORIGIN) != Some(&own);
         let site = named(HeaderName::from_static("sec-fetch-site"));
         if foreign || site.is_some_and(|site| method != Method::GET && site != "same-origin") {
-            return Err((StatusCode::FORBIDDEN, "another page may not talk to this server"));
+            return Err((StatusCode::FORBIDDEN, "another page may not talk to this server".into()));
         }
         let way = self.way(path)?;
         match *method {
             Method::GET => Ok(way),
             Method::POST if named(ORIGIN) != Some(&own) => {
-                Err((StatusCode::FORBIDDEN, "only the page itself may change anything"))
+                Err((StatusCode::FORBIDDEN, "only the page itself may change anything".into()))
             }
             Method::POST if named(CONTENT_TYPE) != Some("application/json") => {
-                Err((StatusCode::UNSUPPORTED_MEDIA_TYPE, "an edit is JSON"))
+                Err((StatusCode::UNSUPPORTED_MEDIA_TYPE, "an edit is JSON".into()))
             }
             Method::POST => Ok(way),
-            _ => Err((StatusCode::METHOD_NOT_ALLOWED, "GET or POST")),
+            _ => Err((StatusCode::METHOD_NOT_ALLOWED, "GET or POST".into())),
         }
     }
 
     fn way(&self, path: &str) -> Result<Way, Refusal> {
-        let no_token =
-            (StatusCode::FORBIDDEN, "the address lacks its token: take the one that the command has printed");
-        let (token, rest) = path.strip_prefix('/').and_then(|path| path.split_once('/')).ok_or(no_token)?;
+        let no_token = || {
+            let words = "the address lacks its token: take the one that the command has printed";
+            (StatusCode::FORBIDDEN, words.into())
+        };
+        let (token, rest) =
+            path.strip_prefix('/').and_then(|path| path.split_once('/')).ok_or_else(no_token)?;
         if same(token, &self.token) {
             return Ok(Way::Inside(rest.to_owned()));
         }
@@ -99,7 +103,17 @@ impl Door {
             *ticket = None;
             return Ok(Way::Ticket);
         }
-        Err(no_token)
+        Err(no_token())
+    }
+
+    /// For who asks by another name or another port, as through a tunnel of SSH.
+    fn elsewhere(&self) -> String {
+        let own = &self.hosts[0];
+        let port = own.rsplit(':').next().unwrap_or_default();
+        format!(
+            "this server is {own} and nothing else: through SSH, forward the same port (ssh -L {port}:{own} and the machine's \
+             name), and open the address that the command has printed"
+        )
     }
 }
 
@@ -157,6 +171,9 @@ mod tests {
             assert_eq!(get(&path, &[("host", host)]), Err(StatusCode::MISDIRECTED_REQUEST), "{host}");
         }
         assert_eq!(get(&path, &[]), Err(StatusCode::MISDIRECTED_REQUEST));
+        let tunnelled = door().admit(&Method::GET, &path, &headers(&[("host", "localhost:9999")]));
+        let words = tunnelled.map_err(|(_, words)| words).unwrap_err();
+        assert!(words.contains("ssh -L 4000:127.0.0.1:4000"), "{words}");
     }
 
     #[test]

@@ -68,11 +68,11 @@ pub(super) enum First {
     Start(Start),
 }
 
-/// Answers requests until no page is open any more; `announce` is told the address, and another that leads there once.
-pub(super) fn serve(first: First, announce: impl FnOnce(&str, &str)) -> io::Result<()> {
+/// Answers requests at a port, with 0 at any, until no page is open any more; `announce` is told the address, and another that leads there once.
+pub(super) fn serve(first: First, port: u16, announce: impl FnOnce(&str, &str)) -> io::Result<()> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     runtime.block_on(async {
-        let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).await?;
+        let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, port)).await?;
         let door = Door::new(listener.local_addr()?, guard::token()?, guard::token()?);
         announce(&door.address(), &door.ticket_address().unwrap_or_default());
         let (waiting, last_asked) = (AtomicUsize::new(0), std::sync::Mutex::new(None));
@@ -130,7 +130,7 @@ impl Server {
         let path = match self.door.admit(&head.method, head.uri.path(), &head.headers) {
             Ok(Way::Inside(path)) => path,
             Ok(Way::Ticket) => return onward(&self.door.address()),
-            Err((status, words)) => return refusal(status, words),
+            Err((status, words)) => return refusal(status, &words),
         };
         let query = head.uri.query().unwrap_or_default();
         let opened = self.session.get().map(|session| Opened { server: self, session });

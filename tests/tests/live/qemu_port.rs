@@ -49,14 +49,14 @@ impl Drop for Arm {
     }
 }
 
-/// Steps of 1 mm at 15 mm/s: an answer that is late by all that the emulated board allows is 7.5 mm behind, and the robot
-/// not off by the limit of 10 mm.
+/// Steps of 1 mm at 4 mm/s: an answer that is late by all that the emulated board allows is 2 mm behind, and the robot
+/// not off by what a weld allows.
 fn line(total: i32) -> Vec<WireWaypoint> {
     let at = |k: i32| {
         let position_um = [400_000 + k * 1_000, 0, 200_000];
         WireWaypoint {
             pose: WirePose { position_um, ..WirePose::IDENTITY },
-            feed_um_s: 15_000,
+            feed_um_s: 4_000,
             weld: (2..total - 2).contains(&k),
         }
     };

@@ -389,7 +389,7 @@ fn bad_header(error: &ParseError, head: &[u8], path: &Path) -> Error {
     let line = lines[number - 1];
     let place = format!("header, line {number}");
     let is_last = number == lines.len() || lines[number..].iter().all(|line| line.is_empty());
-    if is_last && !lines.iter().any(ends) && !line.is_empty() && !line.starts_with(b"end") {
+    if is_last && !lines.iter().any(ends) && !line.starts_with(b"end") {
         return Error::malformed(path, place, "the file ends within its header", CUT_OFF);
     }
     let expected = match line.split(u8::is_ascii_whitespace).next().unwrap_or_default() {

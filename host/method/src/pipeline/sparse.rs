@@ -25,8 +25,8 @@ pub(super) fn words(work: &Grid) -> Option<String> {
     })
 }
 
-/// Mean distance to the fourth nearest point, mm: that of the rows of a grid, and as much (1.09 times) where as many points are
-/// strewn at random.
+/// Median distance to the fourth nearest point, mm: that of the rows of a grid, and 1.08 times as much where as many points
+/// are strewn at random.
 fn spacing_mm(points: &Grid) -> Option<f32> {
     const FOURTH: usize = 3;
     let step = points.len().div_ceil(ASKED).max(1);
@@ -36,9 +36,7 @@ fn spacing_mm(points: &Grid) -> Option<f32> {
         found.extend(fourth_mm(points, slot, &at, FOURTH));
     }
     found.sort_unstable_by(f32::total_cmp);
-    // Strays are far from all others.
-    found.truncate((found.len() * 19).div_ceil(20));
-    (!found.is_empty()).then(|| found.iter().sum::<f32>() / found.len() as f32)
+    found.get(found.len() / 2).copied()
 }
 
 fn fourth_mm(points: &Grid, slot: usize, at: &Point3<f32>, fourth: usize) -> Option<f32> {
