@@ -1,5 +1,6 @@
 //! Requests in, answers out: HTTP on 127.0.0.1, with a bound on everything that a client can make grow.
 
+use std::borrow::Cow;
 use std::convert::Infallible;
 use std::io;
 use std::net::Ipv4Addr;
@@ -150,7 +151,7 @@ impl Server {
             (Ok(body), Some(opened)) => opened.act(&path, &body),
             (Ok(body), None) if path == "start" => self.begin(&body).await,
             (Ok(_), None) => refusal(StatusCode::NOT_FOUND, "there is nothing here"),
-            (Err((status, words)), _) => refusal(status, words),
+            (Err((status, words)), _) => refusal(status, &words),
         }
     }
 
@@ -317,9 +318,9 @@ impl Drop for Waiting<'_> {
 
 /// The whole body, if it is small and comes soon.
 async fn read(body: Incoming) -> Result<Bytes, guard::Refusal> {
-    let late = (StatusCode::REQUEST_TIMEOUT, "the request did not come to its end");
-    let broken = (StatusCode::BAD_REQUEST, "the request broke off");
-    let large = (StatusCode::PAYLOAD_TOO_LARGE, "no edit is so large");
+    let late = (StatusCode::REQUEST_TIMEOUT, Cow::Borrowed("the request did not come to its end"));
+    let broken = (StatusCode::BAD_REQUEST, Cow::Borrowed("the request broke off"));
+    let large = (StatusCode::PAYLOAD_TOO_LARGE, Cow::Borrowed("no edit is so large"));
     if body.size_hint().lower() > MOST_BODY_BYTES as u64 {
         return Err(large);
     }
