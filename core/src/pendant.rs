@@ -788,7 +788,7 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
         }
         if let Answer::Pose(camera) = &mut answer {
             self.jog_to(&camera.pose);
-            camera.actual = self.robot.as_ref().and_then(Monitor::torch);
+            camera.actual = self.robot_torch();
         }
         self.reply(answer)
     }

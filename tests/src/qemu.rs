@@ -1,6 +1,7 @@
 //! The firmware in an emulator: built, started one machine at a time, and ended with the test.
 
 mod client;
+pub mod operator;
 mod panel;
 
 pub use client::Client;

@@ -1,7 +1,7 @@
 //! Hands move the camera: only in Idle, enabled, with the key in manual, and by the pendant's own clock.
 
 use super::ring::turn_mrad;
-use super::robot::{Monitor, compose};
+use super::robot::compose;
 use super::{Pendant, Slots};
 use crate::interlock::State;
 use crate::math;
@@ -45,8 +45,7 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
     /// Where hands move the camera from: where it is commanded to be, and at first where the robot is. Without a robot
     /// the camera is where it is told to be, and whoever reads the gestures knows it.
     pub(super) fn jog_from(&self) -> Option<WirePose> {
-        let torch = self.robot.as_ref().and_then(Monitor::torch);
-        self.jogging.commanded.filter(|_| self.robot.is_some()).or(torch)
+        self.jogging.commanded.or(self.robot_torch())
     }
 
     /// The camera pose that a hand frame made. The camera may not leave the workspace, nor may the flange that bears it.
@@ -67,8 +66,7 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
             self.jogging = Jogging::default();
             return;
         }
-        let torch = self.robot.as_ref().and_then(Monitor::torch);
-        let (Some(target), Some(torch)) = (self.jogging.target, torch) else { return };
+        let (Some(target), Some(torch)) = (self.jogging.target, self.robot_torch()) else { return };
         let from = self.jogging.commanded.unwrap_or(torch);
         let limits = &self.limits.jog;
         let step_mm = limits.speed_um_s as f32 * 1e-3 * self.machine.tick_s;

@@ -13,10 +13,12 @@ use crate::wire::{Refusal, WirePose};
 impl<const RING: usize, S: Slots> Pendant<RING, S> {
     /// Where the torch is, if anybody knows.
     pub fn torch(&self) -> Option<WirePose> {
-        match &self.robot {
-            Some(robot) => robot.torch(),
-            None => self.known.then_some(self.pose),
-        }
+        if self.robot.is_some() { self.robot_torch() } else { self.known.then_some(self.pose) }
+    }
+
+    /// Where a robot at the port says that it is.
+    pub(super) fn robot_torch(&self) -> Option<WirePose> {
+        self.robot.as_ref().and_then(Monitor::torch)
     }
 
     /// Where a Start or a Resume would begin.

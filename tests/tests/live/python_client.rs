@@ -5,10 +5,8 @@ use std::process::{Command, Stdio};
 use std::thread::sleep;
 use std::time::Duration;
 
-use weldpath_tests::qemu::{Inputs, Machine, Wire, firmware};
-
-const RELEASED: Inputs = Inputs { e_stop: false, enable: false, reset: false };
-const GRIPPED: Inputs = Inputs { enable: true, ..RELEASED };
+use weldpath_tests::qemu::operator::{GRIPPED, RELEASED};
+use weldpath_tests::qemu::{Machine, Wire, firmware};
 
 #[test]
 fn a_host_in_python_loads_starts_holds_attaches_anew_resumes_and_finishes() {

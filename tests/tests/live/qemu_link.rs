@@ -16,7 +16,8 @@ use weldpath_core::wire::{
     Telemetry, WireHandFrame, WireJog, WirePatch, WirePose, WireWaypoint, frame,
 };
 use weldpath_tests::adversary::Random;
-use weldpath_tests::qemu::{Broken, Client, Inputs, Machine, PATIENCE, Panel, Seen, Wire, firmware};
+use weldpath_tests::qemu::operator::{GRIPPED, RELEASED, acknowledge, begin, grip};
+use weldpath_tests::qemu::{Broken, Client, Machine, PATIENCE, Panel, Seen, Wire, firmware};
 
 fn connected(wire: Wire, damage: f64) -> Option<(Machine, Panel, Client)> {
     let program = firmware("weldpath-firmware")?;
@@ -25,22 +26,6 @@ fn connected(wire: Wire, damage: f64) -> Option<(Machine, Panel, Client)> {
     client.damage(damage);
     client.connect(0x1234).expect("a session");
     Some((machine, panel, client))
-}
-
-const RELEASED: Inputs = Inputs { e_stop: false, enable: false, reset: false };
-const GRIPPED: Inputs = Inputs { enable: true, ..RELEASED };
-
-/// Presses the reset button until there is no fault: on a busy machine the panel may be heard too late, which is a stop.
-fn acknowledge(client: &mut Client, panel: &Panel, others: Inputs) -> io::Result<()> {
-    let begin = Instant::now();
-    while let Some(fault) = client.wait_for_state(|_| true)?.fault {
-        if begin.elapsed() > PATIENCE {
-            return Err(io::Error::other(format!("{fault:?} stays, whatever is pressed")));
-        }
-        panel.reset(others)?;
-        client.run_for(Duration::from_millis(60), true)?;
-    }
-    Ok(())
 }
 
 /// Part of a circle, the torch turning with it: 2 mm steps at 50 mm/s, welded from the fifth to the fifth last.
@@ -57,32 +42,9 @@ fn curve(total: usize) -> Vec<WireWaypoint> {
     (0..total).map(waypoint).collect()
 }
 
-fn begin(path: u16, waypoints: &[WireWaypoint]) -> Begin {
-    Begin {
-        path,
-        total: waypoints.len() as u32,
-        chunk: 4,
-        streamed: false,
-        reach_um: 1_000_000,
-        max_step_um: 10_000,
-        min_half_turn_cos_q15: 32_000,
-        arc: true,
-        times: wire::ProcessTimes::default(),
-    }
-}
-
 /// Loads the path, grips the enabling switch, arms and starts.
 fn start(client: &mut Client, panel: &Panel, path: &[WireWaypoint]) -> io::Result<()> {
     start_announced(client, panel, begin(7, path), path)
-}
-
-/// Lets the enabling switch go and grips it anew.
-fn grip(client: &mut Client, panel: &Panel) -> io::Result<()> {
-    panel.set(RELEASED)?;
-    client.wait_for_state(|state| state.pins & Telemetry::ENABLE == 0)?;
-    panel.set(GRIPPED)?;
-    client.wait_for_state(|state| state.pins & Telemetry::ENABLED != 0)?;
-    Ok(())
 }
 
 fn start_announced(

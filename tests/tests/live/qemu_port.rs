@@ -8,11 +8,9 @@ use std::path::Path;
 use std::process::{Child, Command as Process, Stdio};
 
 use weldpath_core::interlock::{Cause, State};
-use weldpath_core::wire::{Answer, Begin, Command, ProcessTimes, Refusal, Telemetry, WirePose, WireWaypoint};
-use weldpath_tests::qemu::{Client, Inputs, Machine, Panel, Wire, firmware};
-
-const RELEASED: Inputs = Inputs { e_stop: false, enable: false, reset: false };
-const GRIPPED: Inputs = Inputs { enable: true, ..RELEASED };
+use weldpath_core::wire::{Answer, Command, Refusal, Telemetry, WirePose, WireWaypoint};
+use weldpath_tests::qemu::operator::{GRIPPED, RELEASED, acknowledge, begin};
+use weldpath_tests::qemu::{Client, Machine, Panel, Wire, firmware};
 
 /// The arm's process; ended with the test.
 struct Arm(Child);
@@ -64,22 +62,8 @@ fn line(total: i32) -> Vec<WireWaypoint> {
 }
 
 fn load(client: &mut Client, panel: &Panel, path: &[WireWaypoint]) {
-    while client.wait_for_state(|_| true).expect("a state").fault.is_some() {
-        panel.reset(RELEASED).expect("pressed");
-        client.run_for(std::time::Duration::from_millis(60), true).expect("runs");
-    }
-    let begin = Begin {
-        path: 1,
-        total: path.len() as u32,
-        chunk: 4,
-        streamed: false,
-        reach_um: 1_000_000,
-        max_step_um: 10_000,
-        min_half_turn_cos_q15: 32_000,
-        arc: true,
-        times: ProcessTimes::default(),
-    };
-    client.load(begin, path).expect("loads");
+    acknowledge(client, panel, RELEASED).expect("no fault");
+    client.load(begin(1, path), path).expect("loads");
     let tool = WirePose::IDENTITY;
     assert_eq!(client.ask(Command::SetTool { tool }).expect("asked"), Answer::Done);
     panel.set(GRIPPED).expect("gripped");

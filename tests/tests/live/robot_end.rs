@@ -13,10 +13,9 @@ use weldpath_core::wire::{
     Answer, Begin, Command, Hand, ProcessTimes, Refusal, Telemetry, WireHandFrame, WireJog, WirePose,
     WireWaypoint,
 };
-use weldpath_tests::qemu::{Client, Inputs, Machine, Panel, Wire, firmware};
+use weldpath_tests::qemu::operator::{RELEASED, acknowledge, begin, grip};
+use weldpath_tests::qemu::{Client, Machine, Panel, Wire, firmware};
 
-const RELEASED: Inputs = Inputs { e_stop: false, enable: false, reset: false };
-const GRIPPED: Inputs = Inputs { enable: true, ..RELEASED };
 const FIRST: WirePose = WirePose { position_um: [400_000, 0, 200_000], ..WirePose::IDENTITY };
 
 /// The robot's end in its process; ended with the test.
@@ -78,10 +77,7 @@ impl Cell {
         client.connect(nonce).expect("a session");
         let end = RobotEnd::start(&socket, options);
         let mut cell = Self { client, panel, end, path: 0, _machine: machine };
-        while cell.client.wait_for_state(|_| true).expect("a state").fault.is_some() {
-            cell.panel.reset(RELEASED).expect("pressed");
-            cell.run(60);
-        }
+        acknowledge(&mut cell.client, &cell.panel, RELEASED).expect("no fault");
         assert_eq!(cell.ask(Command::SetTool { tool: WirePose::IDENTITY }), Answer::Done);
         cell.client.wait_for_state(|state| state.robot.is_some()).expect("the robot is heard");
         cell
@@ -96,10 +92,7 @@ impl Cell {
     }
 
     fn grip(&mut self) {
-        self.panel.set(RELEASED).expect("released");
-        self.client.wait_for_state(|state| state.pins & Telemetry::ENABLE == 0).expect("released");
-        self.panel.set(GRIPPED).expect("gripped");
-        self.client.wait_for_state(|state| state.pins & Telemetry::ENABLED != 0).expect("enabled");
+        grip(&mut self.client, &self.panel).expect("gripped");
     }
 
     /// A weld of 100 mm at 4 mm/s: an answer that is late by all that the emulated board allows is 2 mm behind.
@@ -111,17 +104,8 @@ impl Cell {
         };
         let path: Vec<_> = (0..100).map(at).collect();
         self.path += 1;
-        let begin = Begin {
-            path: self.path,
-            total: 100,
-            chunk: 4,
-            streamed: false,
-            reach_um: 1_000_000,
-            max_step_um: 10_000,
-            min_half_turn_cos_q15: 32_000,
-            arc: true,
-            times: ProcessTimes { pre_flow_ms: 0, ..ProcessTimes::default() },
-        };
+        let times = ProcessTimes { pre_flow_ms: 0, ..ProcessTimes::default() };
+        let begin = Begin { times, ..begin(self.path, &path) };
         self.client.load(begin, &path).expect("loads");
         self.grip();
     }

@@ -189,10 +189,10 @@ fn cloud(
     extent: &Extent,
     camera_said: bool,
 ) -> Raw {
-    let vertices = Raw { triangles: Vec::new(), notes: Vec::new(), ..raw.clone() };
-    let Some(mesh) = mesh else { return vertices };
     // A soup has each of its vertices several times.
     let is_soup = raw.positions.len() == 3 * raw.triangles.len();
+    let vertices = Raw { triangles: Vec::new(), notes: Vec::new(), ..raw };
+    let Some(mesh) = mesh else { return vertices };
     let in_file = |p: &Point3<f64>| p / mm_per_unit + origin;
     let camera_known = camera_said
         || frame::camera_of(&vertices, extent, &mut Vec::new()).is_some()
