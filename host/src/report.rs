@@ -30,7 +30,7 @@ use weldpath_job::output::summary::{Source, Summary};
 use weldpath_job::output::verdict::{Finding, ReasonId, Verdict};
 use weldpath_job::run::job::Job;
 use weldpath_job::run::postprocessing::Output;
-use weldpath_method::pipeline::{Derivation, Plan, PlanError, Remarks};
+use weldpath_method::pipeline::{Plan, PlanError};
 use weldpath_method::weld::program::Program;
 
 /// Name of the page within a run's folder.
@@ -55,15 +55,7 @@ pub fn files(plan: &Plan, output: &Output, recording: &Recording, job: &Job) -> 
 /// and was rejected. Empty if nothing was recorded.
 pub fn without_seams(recording: &Recording, job: &Job, error: &PlanError) -> Vec<File> {
     let Some(clouds) = &recording.clouds else { return Vec::new() };
-    let plan = Plan {
-        model: clouds.model(),
-        seams: Vec::new(),
-        paths: Vec::new(),
-        coverage: Vec::new(),
-        tacks: Vec::new(),
-        derived: Derivation::default(),
-        said: Remarks::default(),
-    };
+    let plan = Plan { model: clouds.model(), ..Plan::default() };
     let id = match error {
         PlanError::TooSparse { .. } => ReasonId::Sparse,
         _ => ReasonId::NoSeam,

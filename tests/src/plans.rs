@@ -64,8 +64,6 @@ fn of_paths(paths: Vec<SeamPath>) -> Plan {
         model: model(),
         seams,
         paths,
-        coverage: vec![],
-        tacks: vec![],
         derived: Derivation {
             views: vec![view()],
             parameters,
@@ -73,6 +71,7 @@ fn of_paths(paths: Vec<SeamPath>) -> Plan {
             ..Derivation::default()
         },
         said: Remarks { warnings: vec!["view 2 sees little".into()], ..Remarks::default() },
+        ..Plan::default()
     }
 }
 

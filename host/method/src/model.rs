@@ -9,3 +9,4 @@ pub mod downsampling;
 pub mod normals;
 pub mod orientation;
 pub mod reconstruction;
+pub mod surface;

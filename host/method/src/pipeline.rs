@@ -21,6 +21,7 @@ use crate::geometry::cloud::View;
 use crate::geometry::grid::Grid;
 use crate::seam::measure::coverage;
 use crate::weld::SeamPath;
+use std::sync::OnceLock;
 
 pub use self::config::{Config, MergeConfig, Method, RATIO_THRESHOLD, SearchConfig, Wishes};
 pub use self::merged::MergedViews;
@@ -98,7 +99,16 @@ pub fn plan_from(
     let said = Remarks { warnings: survey.warnings(&merged, &result, &tacks, &coverage), unmet, undrawn };
     let derived = survey.derived(&merged, &result, &stages.times);
     let model = result.model.scene().1.clone();
-    Ok(Plan { model, seams: result.found.seams, paths, coverage, tacks, derived, said })
+    Ok(Plan {
+        model,
+        seams: result.found.seams,
+        paths,
+        coverage,
+        tacks,
+        derived,
+        said,
+        surface: OnceLock::new(),
+    })
 }
 
 /// The steps of a plan that the next one may go on from; they are as large as the scan.

@@ -127,7 +127,6 @@ fn significant(value: f64) -> String {
 mod tests {
     use super::*;
     use nalgebra::{Point3, UnitQuaternion, Vector3};
-    use weldpath::geometry::cloud::PointCloud;
     use weldpath::pipeline::{Derivation, Parameter, Remarks};
     use weldpath::run::job::Job;
     use weldpath::run::postprocessing::postprocess;
@@ -167,11 +166,8 @@ mod tests {
             .map(|x| PathPoint { s_mm: x, position_mm: at(x), base_from_torch, process })
             .to_vec();
         Plan {
-            model: PointCloud::default(),
             seams: vec![seam],
             paths: vec![SeamPath { seam: 1, points }],
-            coverage: vec![],
-            tacks: vec![],
             derived: Derivation {
                 parameters: vec![Parameter {
                     name: "voxel_mm".into(),
@@ -181,6 +177,7 @@ mod tests {
                 ..Derivation::default()
             },
             said: Remarks { warnings: vec!["view 3 overlaps too little".into()], ..Remarks::default() },
+            ..Plan::default()
         }
     }
 

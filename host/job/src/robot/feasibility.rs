@@ -28,8 +28,8 @@ use links::{Links, Touch};
 use moves::Station;
 use problem::{Problem, ProblemKind};
 use suggestion::{Rewelded, Suggestion};
-use torch::{Obstacles, Torch};
-use weldpath_method::geometry::cloud::PointCloud;
+use torch::Torch;
+use weldpath_method::model::surface::Surface;
 use weldpath_method::weld::program::Waypoint;
 
 /// The arm and where it stands.
@@ -146,27 +146,22 @@ impl Report {
 }
 
 /// Checks the program that `program` makes without changes, and tries changes where it fails.
-pub(crate) fn assess(program: &Rewelded, model: &PointCloud, setup: &FeasibilitySetup) -> Report {
-    judged(&program(&[]), model, setup, |checker, problems| suggestion::tried(checker, program, problems))
+pub(crate) fn assess(program: &Rewelded, work: &Surface, setup: &FeasibilitySetup) -> Report {
+    judged(&program(&[]), work, setup, |checker, problems| suggestion::tried(checker, program, problems))
 }
 
 /// Checks a program that cannot be made anew: no change is tried.
-pub(crate) fn assess_as_it_is(
-    waypoints: &[Waypoint],
-    model: &PointCloud,
-    setup: &FeasibilitySetup,
-) -> Report {
-    judged(waypoints, model, setup, |_, _| Vec::new())
+pub(crate) fn assess_as_it_is(waypoints: &[Waypoint], work: &Surface, setup: &FeasibilitySetup) -> Report {
+    judged(waypoints, work, setup, |_, _| Vec::new())
 }
 
 fn judged(
     waypoints: &[Waypoint],
-    model: &PointCloud,
+    work: &Surface,
     setup: &FeasibilitySetup,
     suggest: impl FnOnce(&Checker<'_>, &[Problem]) -> Vec<Suggestion>,
 ) -> Report {
-    let obstacles = Obstacles::new(model);
-    let checker = Checker::new(setup, &obstacles);
+    let checker = Checker::new(setup, work);
     let stations = moves::stations(waypoints);
     let way = checker.links.as_ref().map(|links| links.follow(&stations));
     let checks = checker.checks(&stations, waypoints.len(), way.as_ref(), Depth::Full);
@@ -186,10 +181,9 @@ fn judged(
 }
 
 /// Where the torch alone would touch what was scanned; nothing else is looked at, and nothing is tried.
-pub(crate) fn collisions(waypoints: &[Waypoint], model: &PointCloud, torch: Torch) -> Vec<Problem> {
+pub(crate) fn collisions(waypoints: &[Waypoint], work: &Surface, torch: Torch) -> Vec<Problem> {
     let setup = FeasibilitySetup { robot: None, torch, clearance_mm: 0.0 };
-    let obstacles = Obstacles::new(model);
-    let checker = Checker::new(&setup, &obstacles);
+    let checker = Checker::new(&setup, work);
     checker.problems(waypoints, &checker.checked(waypoints, Depth::Fatal))
 }
 
@@ -215,14 +209,14 @@ enum Depth {
 /// The setup with the scan sorted for it.
 struct Checker<'a> {
     setup: &'a FeasibilitySetup,
-    obstacles: &'a Obstacles,
+    work: &'a Surface,
     links: Option<Links<'a>>,
 }
 
 impl<'a> Checker<'a> {
-    fn new(setup: &'a FeasibilitySetup, obstacles: &'a Obstacles) -> Self {
-        let links = setup.robot.as_ref().map(|robot| Links::new(robot, &setup.torch, obstacles));
-        Self { setup, obstacles, links }
+    fn new(setup: &'a FeasibilitySetup, work: &'a Surface) -> Self {
+        let links = setup.robot.as_ref().map(|robot| Links::new(robot, &setup.torch, work));
+        Self { setup, work, links }
     }
 
     /// One check per waypoint, of everything that `depth` asks for.
@@ -257,7 +251,7 @@ impl<'a> Checker<'a> {
     }
 
     fn clearance_mm(&self, station: &Station) -> Option<f64> {
-        self.obstacles.clearance_mm(&self.setup.torch, &station.tip_mm, &station.base_from_torch)
+        self.setup.torch.clearance_mm(self.work, &station.tip_mm, &station.base_from_torch)
     }
 
     /// What stands in the way from home to the first waypoint, and from the last to home.

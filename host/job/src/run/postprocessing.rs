@@ -19,7 +19,7 @@ use crate::run::selection;
 use crate::run::selection::select;
 use crate::run::verdict;
 use weldpath_files::File;
-use weldpath_method::geometry::cloud::PointCloud;
+use weldpath_method::model::surface::Surface;
 use weldpath_method::pipeline::{Method, Plan};
 use weldpath_method::seam::Joint;
 use weldpath_method::weld::SeamPath;
@@ -95,7 +95,7 @@ pub fn postprocess(plan: &Plan, job: &Job, source: Source) -> Result<Output, Err
     let mut found = source.findings.clone();
     found.extend(verdict::of_plan(plan, job));
     found.extend(verdict::tips_inside(&paths, &plan.model));
-    let verdict = verdict_on(&program.waypoints, &plan.model, job, feasibility.as_ref(), found);
+    let verdict = verdict_on(&program.waypoints, plan.surface(), job, feasibility.as_ref(), found);
     let summary = Summary::new(plan, source, &lines, &paths, job.order.up.get(), warnings)
         .with_joints(plan, &stated_joints(plan, job)?, &lines, job.order.up.get())
         .with_feasibility(feasibility.as_ref())
@@ -301,21 +301,21 @@ fn feasibility(plan: &Plan, job: &Job, seams: &[(SeamPath, Weld)], terrain: &Ter
         let whole = seams.iter().flat_map(run).collect();
         program(&resuming::passes(whole, job.resume.as_ref()).unwrap_or_default(), terrain).waypoints
     };
-    Some(feasibility::assess(&rewelded, &plan.model, &job.feasibility()?))
+    Some(feasibility::assess(&rewelded, plan.surface(), &job.feasibility()?))
 }
 
 /// What `found` and torch and arm say of a program; a torch of usual size is held against the scan where the job says
 /// nothing of one.
 pub(super) fn verdict_on(
     program: &[Waypoint],
-    model: &PointCloud,
+    work: &Surface,
     job: &Job,
     feasibility: Option<&Report>,
     mut found: Vec<Finding>,
 ) -> Verdict {
     found.extend(match feasibility {
         Some(report) => verdict::of_problems(&report.problems, report.robot.as_deref().unwrap_or_default()),
-        None => verdict::of_problems(&feasibility::collisions(program, model, job.torch_body()), ""),
+        None => verdict::of_problems(&feasibility::collisions(program, work, job.torch_body()), ""),
     });
     found.extend(verdict::of_arm(job));
     let limits = feasibility.map(verdict::limits).unwrap_or_default();

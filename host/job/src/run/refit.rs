@@ -28,6 +28,7 @@ use crate::robot::posture::PlannedPosture;
 use crate::run::job::Job;
 use crate::run::postprocessing::verdict_on;
 use weldpath_method::geometry::cloud::{Merged, PointCloud, View};
+use weldpath_method::model::surface::Surface;
 use weldpath_method::model::{downsampling, normals, orientation, reconstruction};
 use weldpath_method::weld::program::Waypoint;
 
@@ -165,8 +166,9 @@ pub fn refit(program: &[Waypoint], model: &PointCloud, new: &PointCloud) -> Resu
 /// What torch and arm say of the moved program on the new scan, and how the arm stands along it. What the saved plan was
 /// checked for holds no longer.
 pub fn checked(program: &[Waypoint], new: &PointCloud, job: &Job) -> (Verdict, Option<PlannedPosture>) {
-    let report = job.feasibility().map(|setup| feasibility::assess_as_it_is(program, new, &setup));
-    let verdict = verdict_on(program, new, job, report.as_ref(), Vec::new());
+    let work = Surface::of(new);
+    let report = job.feasibility().map(|setup| feasibility::assess_as_it_is(program, &work, &setup));
+    let verdict = verdict_on(program, &work, job, report.as_ref(), Vec::new());
     (verdict, report.and_then(|report| report.posture))
 }
 

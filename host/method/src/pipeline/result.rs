@@ -5,15 +5,17 @@ use crate::geometry::cloud::PointCloud;
 use crate::model::agreement::{HandEyeError, ViewReport};
 use crate::model::base_frame::{BaseFrame, CameraFinding};
 use crate::model::downsampling::{DISTANCE_VOXELS, HEIGHT_NOISES, RADIUS_VOXELS, Scale};
+use crate::model::surface::Surface;
 use crate::seam::Seam;
 use crate::seam::measure::coverage;
 use crate::seam::score::edges;
 use crate::weld::SeamPath;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
+use std::sync::OnceLock;
 
 /// What [`plan`](super::plan) found, what it derived on the way, and what the user should be told.
-#[derive(Debug, Clone, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct Plan {
     /// All views merged, registered, downsampled and denoised.
     pub model: PointCloud,
@@ -29,6 +31,16 @@ pub struct Plan {
     pub derived: Derivation,
     /// What the user should be told.
     pub said: Remarks,
+    /// See [`Plan::surface`].
+    #[serde(skip)]
+    pub surface: OnceLock<Surface>,
+}
+
+impl Plan {
+    /// The model without points that stand alone; found when it is first asked for.
+    pub fn surface(&self) -> &Surface {
+        self.surface.get_or_init(|| Surface::of(&self.model))
+    }
 }
 
 /// What a plan derived from the views, and how long that took.

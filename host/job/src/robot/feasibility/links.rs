@@ -11,9 +11,10 @@ use super::body::BEHIND_THE_WRIST;
 use super::branch::{self, Stand, Way};
 use super::chain::{Capsule, LinkChain};
 use super::moves::Station;
-use super::torch::{Obstacles, Thinned, Torch};
+use super::torch::{Thinned, Torch};
 use super::{Check, Floor, JointCheck, Oddity, PlacedArm, torch_from_tool};
 use crate::robot::posture::{PlannedPosture, Stance};
+use weldpath_method::model::surface::Surface;
 
 /// The link that carries the cable.
 const FLANGE: usize = 6;
@@ -81,7 +82,7 @@ pub(super) struct Links<'a> {
 }
 
 impl<'a> Links<'a> {
-    pub(super) fn new(robot: &'a PlacedArm, torch: &Torch, work: &Obstacles) -> Self {
+    pub(super) fn new(robot: &'a PlacedArm, torch: &Torch, work: &Surface) -> Self {
         let work = Thinned::new(work);
         let mounting_mm = robot.base_from_robot * Point3::new(0.0, 0.0, robot.arm.body.mounting_mm);
         let floor_mm = match robot.floor {

@@ -6,6 +6,7 @@ use links::Obstacle;
 use nalgebra::{Point3, Translation3, Vector3};
 use problem::ProblemKind;
 use suggestion::Change;
+use weldpath_method::geometry::cloud::PointCloud;
 use weldpath_method::weld::air::terrain::Terrain;
 use weldpath_method::weld::ends::reverse;
 use weldpath_method::weld::program::{Motion, Pass, Waypoint, program};
@@ -84,7 +85,7 @@ fn assessed_among(
             })
             .collect()
     };
-    assess(&|changes| welded(&changed(changes), terrain), model, setup)
+    assess(&|changes| welded(&changed(changes), terrain), &Surface::of(model), setup)
 }
 
 /// A path with a change, welded by nothing else.

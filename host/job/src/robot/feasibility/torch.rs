@@ -5,15 +5,13 @@
 
 use std::collections::HashSet;
 
-use nalgebra::{Isometry3, Matrix3, Point3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
 use super::chain::Capsule;
 use super::links::TORCH;
 use super::torch_from_tool;
-use rayon::prelude::*;
-use weldpath_method::geometry::cloud::PointCloud;
 use weldpath_method::geometry::grid::Grid;
-use weldpath_method::geometry::statistics::median;
+use weldpath_method::model::surface::Surface;
 use weldpath_method::weld::air::terrain::Ball;
 
 /// Sizes of a torch, mm. Its axis is the torch axis `n`; the body behind the neck may be bent away from the travel.
@@ -59,7 +57,6 @@ pub const SIGHT_MM: f64 = 15.0;
 const PIECE_MM: f64 = 30.0;
 /// The clearance is that of the third nearest point: one or two flying pixels are no wall.
 const WALL_POINTS: usize = 3;
-const CELL_MM: f32 = 8.0;
 
 /// A cylinder or cone about a line.
 struct Section {
@@ -70,6 +67,30 @@ struct Section {
 }
 
 impl Torch {
+    /// Distance between the torch and the scanned points, mm; negative inside. None if nothing is within [`SIGHT_MM`].
+    pub(super) fn clearance_mm(
+        &self,
+        work: &Surface,
+        tip_mm: &Point3<f64>,
+        base_from_torch: &UnitQuaternion<f64>,
+    ) -> Option<f64> {
+        let tip_mm = tip_mm - work.origin_mm.coords;
+        let mut nearest = [(usize::MAX, SIGHT_MM); WALL_POINTS];
+        for section in self.sections(&tip_mm, base_from_torch).iter().filter(|s| s.length_mm > 0.0) {
+            let pieces = (section.length_mm / PIECE_MM).ceil().max(1.0);
+            let half_mm = 0.5 * section.length_mm / pieces;
+            let reach_mm = half_mm.hypot(section.radii_mm[0].max(section.radii_mm[1]) + SIGHT_MM);
+            for k in 0..pieces as usize {
+                let middle = section.start_mm + section.along * (half_mm * (2 * k + 1) as f64);
+                work.grid.within(&middle.cast(), reach_mm as f32, |slot, _| {
+                    keep(&mut nearest, slot, section.distance_mm(&work.grid.point(slot).cast()));
+                });
+            }
+        }
+        let [.., (slot, last)] = nearest;
+        (slot != usize::MAX).then_some(last)
+    }
+
     /// Balls that cover the torch, from the nozzle on, for the planning of air moves.
     pub fn balls(&self) -> Vec<Ball> {
         let sections = self.sections(&Point3::origin(), &UnitQuaternion::identity());
@@ -139,13 +160,7 @@ impl Section {
     }
 }
 
-/// The scanned points that are a surface, ready to be asked.
-pub(super) struct Obstacles {
-    origin_mm: Point3<f64>,
-    grid: Grid,
-}
-
-/// One of them in each cell of [`LINK_STEP_MM`], for links, which are thicker than a torch.
+/// One point of a surface in each cell of [`LINK_STEP_MM`], for links, which are thicker than a torch.
 pub(super) struct Thinned {
     origin_mm: Point3<f64>,
     grid: Grid,
@@ -158,7 +173,7 @@ const LINK_STEP_MM: f32 = 6.0;
 const LINK_CELL_MM: f32 = 40.0;
 
 impl Thinned {
-    pub(super) fn new(Obstacles { origin_mm, grid }: &Obstacles) -> Self {
+    pub(super) fn new(Surface { origin_mm, grid }: &Surface) -> Self {
         let mut taken = HashSet::new();
         let cell = |p: &Point3<f32>| [p.x, p.y, p.z].map(|v| (v / LINK_STEP_MM).floor() as i32);
         let points = (0..grid.len()).map(|slot| grid.point(slot));
@@ -203,125 +218,6 @@ impl Thinned {
     }
 }
 
-impl Obstacles {
-    pub(super) fn new(model: &PointCloud) -> Self {
-        Self { origin_mm: model.origin_mm, grid: Grid::new(&surface(&model.points_mm), CELL_MM) }
-    }
-
-    /// Distance between the torch and the scanned points, mm; negative inside. None if nothing is within [`SIGHT_MM`].
-    pub(super) fn clearance_mm(
-        &self,
-        torch: &Torch,
-        tip_mm: &Point3<f64>,
-        base_from_torch: &UnitQuaternion<f64>,
-    ) -> Option<f64> {
-        let tip_mm = tip_mm - self.origin_mm.coords;
-        let mut nearest = [(usize::MAX, SIGHT_MM); WALL_POINTS];
-        for section in torch.sections(&tip_mm, base_from_torch).iter().filter(|s| s.length_mm > 0.0) {
-            let pieces = (section.length_mm / PIECE_MM).ceil().max(1.0);
-            let half_mm = 0.5 * section.length_mm / pieces;
-            let reach_mm = half_mm.hypot(section.radii_mm[0].max(section.radii_mm[1]) + SIGHT_MM);
-            for k in 0..pieces as usize {
-                let middle = section.start_mm + section.along * (half_mm * (2 * k + 1) as f64);
-                self.grid.within(&middle.cast(), reach_mm as f32, |slot, _| {
-                    keep(&mut nearest, slot, section.distance_mm(&self.grid.point(slot).cast()));
-                });
-            }
-        }
-        let [.., (slot, last)] = nearest;
-        (slot != usize::MAX).then_some(last)
-    }
-}
-
-/// A point of a surface has so many others ...
-const NEIGHBOURS: usize = 6;
-/// ... within so many times the distance in which half of all points have them: of strays all over a box one in thousands has.
-const SPREAD: f32 = 4.0;
-/// Or it lies, where a scan is thin, in a plane with twice as many, up to this share of how far they reach, and most of
-/// these do so, too: of strays one in forty lies so, and none with most of its nearest; a plane that is seen ten times as
-/// thinly with a noise of 1 mm does.
-const FLAT_SHARE: f32 = 0.07;
-/// No scan resolves less, mm.
-const LEAST_REACH_MM: f32 = 0.1;
-/// So many points show how dense a scan is, and fewer are no scan.
-const SAMPLED: usize = 500;
-
-/// The points that do not stand alone.
-fn surface(points_mm: &[Point3<f32>]) -> Vec<Point3<f32>> {
-    if points_mm.len() < SAMPLED {
-        return points_mm.to_vec();
-    }
-    let reach_mm = (SPREAD * spacing_mm(points_mm)).max(LEAST_REACH_MM);
-    let grid = Grid::new(points_mm, reach_mm / 3f32.sqrt());
-    let dense = dense(&grid, reach_mm);
-    let slots = || (0..grid.len()).into_par_iter();
-    let near = |slot: usize| nearest(&grid, &grid.point(slot), 2 * NEIGHBOURS);
-    let points = |slots: &[usize]| slots.iter().map(|slot| grid.point(*slot)).collect::<Vec<_>>();
-    let holds: Vec<bool> = slots().map(|slot| dense[slot] || lies_flat(&points(&near(slot)))).collect();
-    let among_its_like = |slot: usize| near(slot).iter().filter(|other| holds[**other]).count() > NEIGHBOURS;
-    let kept = |slot: &usize| dense[*slot] || (holds[*slot] && among_its_like(*slot));
-    slots().filter(kept).map(|slot| grid.point(slot)).collect()
-}
-
-/// How far the neighbours of half of all points reach.
-fn spacing_mm(points_mm: &[Point3<f32>]) -> f32 {
-    let grid = Grid::new(points_mm, CELL_MM);
-    let reach_mm = |k: usize| {
-        let point = points_mm[k * points_mm.len() / SAMPLED];
-        nearest(&grid, &point, NEIGHBOURS).last().map_or(0.0, |far| (grid.point(*far) - point).norm())
-    };
-    median(&mut (0..SAMPLED).into_par_iter().map(reach_mm).collect::<Vec<f32>>())
-}
-
-/// Whether each slot has its neighbours within reach.
-fn dense(grid: &Grid, reach_mm: f32) -> Vec<bool> {
-    let mut crowded = vec![false; grid.len()];
-    // Points of one cell are within reach of each other, and most of a scan is told so.
-    if grid.cell_mm() * 3f32.sqrt() <= reach_mm * 1.001 {
-        let full = grid.occupied().map(|(_, slots)| slots).filter(|slots| slots.len() > NEIGHBOURS);
-        full.for_each(|slots| crowded[slots].fill(true));
-    }
-    let neighbours = |slot: usize| {
-        let mut others = 0;
-        grid.within(&grid.point(slot), reach_mm, |_, _| others += 1);
-        others
-    };
-    let is_dense = |(slot, crowded): (usize, &bool)| *crowded || neighbours(slot) > NEIGHBOURS;
-    crowded.par_iter().enumerate().map(is_dense).collect()
-}
-
-/// Whether a point, the first, lies in a plane with its nearest.
-fn lies_flat(near: &[Point3<f32>]) -> bool {
-    let Some(far) = near.last().filter(|_| near.len() > NEIGHBOURS) else { return false };
-    let mean = near.iter().map(|p| p.coords).sum::<Vector3<f32>>() / near.len() as f32;
-    let spread: Matrix3<f32> = near.iter().map(|p| p.coords - mean).map(|d| d * d.transpose()).sum();
-    let mut widths: [f32; 3] = spread.symmetric_eigenvalues().into();
-    widths.sort_by(f32::total_cmp);
-    let [across, along, _] = widths.map(|width| (width.max(0.0) / near.len() as f32).sqrt());
-    let reach = (far - near[0]).norm();
-    // Of a disc the width is half of the reach: a stray over a dense patch makes a line with it, and no plane.
-    across < FLAT_SHARE * reach && along > 0.25 * reach
-}
-
-/// The slots of a point and the `others` nearest to it, the nearest first; fewer if not so many are within a metre.
-fn nearest(grid: &Grid, point: &Point3<f32>, others: usize) -> Vec<usize> {
-    let mut reach_mm = 0.25 * CELL_MM;
-    loop {
-        let mut found: Vec<(f32, usize)> = Vec::new();
-        grid.within(point, reach_mm, |slot, squared_mm2| found.push((squared_mm2, slot)));
-        if found.len() > others || reach_mm > 1e3 {
-            let by_distance = |a: &(f32, usize), b: &(f32, usize)| a.0.total_cmp(&b.0);
-            if found.len() > others + 1 {
-                found.select_nth_unstable_by(others, by_distance);
-                found.truncate(others + 1);
-            }
-            found.sort_by(by_distance);
-            return found.into_iter().map(|(_, slot)| slot).collect();
-        }
-        reach_mm *= 2.0;
-    }
-}
-
 /// Keeps the nearest points in order, each once.
 fn keep(nearest: &mut [(usize, f64); WALL_POINTS], slot: usize, distance_mm: f64) {
     let known = nearest.iter().position(|(other, _)| *other == slot);
@@ -336,6 +232,7 @@ fn keep(nearest: &mut [(usize, f64); WALL_POINTS], slot: usize, distance_mm: f64
 mod tests {
     use super::*;
     use std::f64::consts::FRAC_PI_4;
+    use weldpath_method::geometry::cloud::PointCloud;
 
     /// Two faces that meet in the y axis: each rises by `half_deg` less than 90 degrees from the vertical plane between them.
     fn corner(half_deg: f64) -> PointCloud {
@@ -353,7 +250,7 @@ mod tests {
     }
 
     fn clearance(half_deg: f64, torch: &Torch, turn: UnitQuaternion<f64>) -> Option<f64> {
-        Obstacles::new(&corner(half_deg)).clearance_mm(torch, &Point3::origin(), &turn)
+        torch.clearance_mm(&Surface::of(&corner(half_deg)), &Point3::origin(), &turn)
     }
 
     #[test]
@@ -378,16 +275,15 @@ mod tests {
     fn the_wire_may_touch_and_an_empty_scan_is_free() {
         let flat = corner(90.0);
         let torch = Torch { stickout_mm: 12.0, ..Torch::default() };
-        let found = Obstacles::new(&flat)
-            .clearance_mm(&torch, &Point3::origin(), &UnitQuaternion::identity())
-            .unwrap();
+        let found =
+            torch.clearance_mm(&Surface::of(&flat), &Point3::origin(), &UnitQuaternion::identity()).unwrap();
         assert!(
             (found - 12.0).abs() < 1e-6,
             "over a flat face the nozzle is as high as the wire is long: {found}"
         );
-        let none = Obstacles::new(&PointCloud::default());
+        let none = Surface::of(&PointCloud::default());
         assert_eq!(
-            none.clearance_mm(&Torch::default(), &Point3::origin(), &UnitQuaternion::identity()),
+            Torch::default().clearance_mm(&none, &Point3::origin(), &UnitQuaternion::identity()),
             None
         );
     }
@@ -405,45 +301,11 @@ mod tests {
                 points_mm,
             }
         };
-        let behind = Obstacles::new(&wall(-80.0));
+        let behind = Surface::of(&wall(-80.0));
         let turned = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), std::f64::consts::PI);
-        let at = |turn: &UnitQuaternion<f64>| behind.clearance_mm(&bent, &Point3::origin(), turn);
+        let at = |turn: &UnitQuaternion<f64>| bent.clearance_mm(&behind, &Point3::origin(), turn);
         assert!(at(&UnitQuaternion::identity()).unwrap() < 0.0);
         assert_eq!(at(&turned), None);
-    }
-
-    #[test]
-    fn a_table_that_is_seen_ten_times_as_thinly_as_the_part_is_a_wall_and_strays_are_none() {
-        let mut state = 7u64;
-        let mut random = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 40) as f32 / (1u64 << 24) as f32
-        };
-        let part = |i: usize| Point3::new((i % 150) as f32, (i / 150) as f32, 0.0);
-        let dense: Vec<Point3<f32>> = (0..150 * 150).map(part).collect();
-        let table: Vec<Point3<f32>> = (0..900)
-            .map(|i| {
-                let at = |k: usize, noise: f32| 12.0 * k as f32 + 6.0 * noise;
-                Point3::new(200.0 + at(i % 30, random()), at(i / 30, random()), 0.6 * random())
-            })
-            .collect();
-        let strays: Vec<Point3<f32>> = (0..450)
-            .map(|_| Point3::new(300.0 * random() - 80.0, 300.0 * random(), 20.0 + 280.0 * random()))
-            .collect();
-        let kept = surface(&[dense.clone(), table, strays].concat());
-        let of = |is: fn(&&Point3<f32>) -> bool| kept.iter().filter(is).count();
-        assert_eq!(of(|p| p.x < 190.0 && p.z < 10.0), dense.len());
-        assert!(of(|p| p.x > 199.0 && p.z < 10.0) > 850, "{}", of(|p| p.x > 199.0 && p.z < 10.0));
-        assert!(of(|p| p.z > 15.0) < 5, "{}", of(|p| p.z > 15.0));
-    }
-
-    #[test]
-    fn many_equal_points_are_looked_through_at_once() {
-        let begun = std::time::Instant::now();
-        let places = [Point3::origin(), Point3::new(30.0, 0.0, 0.0)];
-        let kept = surface(&places.map(|place| vec![place; 100_000]).concat());
-        assert_eq!(kept.len(), 200_000);
-        assert!(begun.elapsed().as_secs() < 20, "{:?}", begun.elapsed());
     }
 
     #[test]
@@ -454,7 +316,7 @@ mod tests {
                 .flat_map(|y| (-10..=10).map(move |z| Point3::new(x, 3.0 * y as f32, 3.0 * z as f32)))
                 .collect();
             let normals = vec![Vector3::x(); points_mm.len()];
-            Thinned::new(&Obstacles::new(&PointCloud { origin_mm: Point3::origin(), points_mm, normals }))
+            Thinned::new(&Surface::of(&PointCloud { origin_mm: Point3::origin(), points_mm, normals }))
         };
         let bar = |from: f64, to: f64| [Point3::new(from, 0.0, 0.0), Point3::new(to, 0.0, 0.0)];
         for (ends_mm, x, depth_mm) in
@@ -473,8 +335,8 @@ mod tests {
             let points_mm: Vec<Point3<f32>> =
                 (0..n).map(|i| Point3::new(0.0, 0.0, 40.0 + i as f32)).collect();
             let model = PointCloud { origin_mm: Point3::origin(), normals: vec![Vector3::z(); n], points_mm };
-            Obstacles::new(&model).clearance_mm(
-                &Torch::default(),
+            Torch::default().clearance_mm(
+                &Surface::of(&model),
                 &Point3::origin(),
                 &UnitQuaternion::identity(),
             )
