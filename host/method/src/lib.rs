@@ -3,6 +3,7 @@
 //! Millimetres, radians, seconds; robot base frame unless a name says otherwise; transforms are `to_from`.
 #![forbid(unsafe_code)]
 
+pub mod cancellation;
 pub mod geometry;
 pub mod input;
 pub mod model;

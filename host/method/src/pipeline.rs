@@ -17,6 +17,7 @@ pub mod touch;
 use self::exclusion::Scene;
 use self::reconstruction::Reconstruction;
 use self::stages::Stages;
+use crate::cancellation::unless_given_up;
 use crate::geometry::cloud::View;
 use crate::geometry::grid::Grid;
 use crate::seam::measure::coverage;
@@ -64,8 +65,12 @@ pub fn plan_from(
     config: &Config,
     observer: &mut dyn Observer,
 ) -> Result<Plan, PlanError> {
-    let Config { method, merge, search, wishes } = config;
     let stages = &mut Stages::new(observer);
+    unless_given_up(|| steps(kept, views, config, stages)).unwrap_or(Err(PlanError::GivenUp))
+}
+
+fn steps(kept: &mut Kept, views: &[View], config: &Config, stages: &mut Stages) -> Result<Plan, PlanError> {
+    let Config { method, merge, search, wishes } = config;
 
     let merged = stages.keep(&mut kept.merged, |stages| {
         let reconstruction = Reconstruction::new(views, *method, merge, stages)?; // II-C, eqs. (1)-(9), (20)

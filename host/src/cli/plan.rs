@@ -22,7 +22,7 @@ use weldpath::run::job::touch::TouchSettings;
 use weldpath::run::job::{Job, Sequence};
 use weldpath::run::planning::{self, Kept};
 use weldpath::run::postprocessing;
-use weldpath::run::postprocessing::{Output, postprocess};
+use weldpath::run::postprocessing::{Output, postprocess_observed};
 use weldpath::run::selection;
 
 use super::folder::{Folder, FolderArgs};
@@ -188,10 +188,10 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let kept = if args.no_cache || args.dump_stages { Kept::default() } else { Kept::within(&args.out) };
     let result = planning::find(&job, args.allow_outside, &kept, &mut progress, Progress::take_recording);
     let is_kept = !progress.has_begun();
-    let (stages, recording) = progress.finish();
     let found = match result {
         Ok(found) => found,
         Err(error) => {
+            let (stages, recording) = progress.finish();
             let seen = match (&error, recording) {
                 (planning::Error::Plan(error), Some(seen)) => report::without_seams(&seen, &job, error),
                 _ => Vec::new(),
@@ -200,11 +200,16 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         }
     };
     let (plan, source) = (&found.plan, planning::source(&found.scan, &job));
-    let mut output = postprocess(plan, &job, source.clone()).map_err(not_written_out)?;
-    output.files.extend(stages);
-    if let Some(seen) = found.seen.as_ref().filter(|_| !args.no_report) {
-        output.files.extend(report::files(plan, &output, seen, &job));
-    }
+    let output = postprocess_observed(plan, &job, source.clone(), &mut progress);
+    let report = |output: &Output| {
+        let seen = found.seen.as_ref().filter(|_| !args.no_report)?;
+        progress.stage("report");
+        Some(report::files(plan, output, seen, &job))
+    };
+    let report = output.as_ref().ok().and_then(report);
+    let (stages, _) = progress.finish();
+    let mut output = output.map_err(not_written_out)?;
+    output.files.extend(stages.into_iter().chain(report.into_iter().flatten()));
     folder.write(&output.files)?;
     kept.save();
     match (args.quiet, args.json) {
@@ -441,6 +446,7 @@ fn not_written_out(error: postprocessing::Error) -> Failure {
         postprocessing::Error::TooLong(error) => too_long(error),
         postprocessing::Error::Resuming(error) => Failure::new(Exit::Usage, error)
             .hint("path.csv of the whole plan has its seams, passes and s_mm"),
+        error @ postprocessing::Error::GivenUp => Failure::new(Exit::Unfinished, error),
         error @ postprocessing::Error::TooMany { .. } => Failure::new(Exit::Usage, error).hint(
             "a wider spacing_mm in [path], a longer wavelength_mm in [weave], fewer passes, or fewer seams at a time with --seam",
         ),

@@ -1,6 +1,8 @@
 //! What the user sees, and what is kept, while a plan is made.
 
 use std::io::IsTerminal;
+use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
@@ -12,9 +14,13 @@ use weldpath::pipeline::{Evidence, Observer};
 use weldpath::report::Recording;
 use weldpath::run::planning::PASSED;
 
-/// Moves a bar on a terminal, and collects what is asked for: the cloud after every stage, what the report shows.
+use super::tell;
+
+/// Moves a bar on a terminal, says elsewhere which stage takes long, and collects what is asked for: the cloud after every
+/// stage, what the report shows.
 pub(super) struct Progress {
     bar: ProgressBar,
+    still: Option<StillThere>,
     began: Instant,
     stages: Option<Vec<File>>,
     recording: Option<Recording>,
@@ -26,7 +32,9 @@ impl Progress {
     pub(super) fn new(quiet: bool, dump_stages: bool, report: bool) -> Self {
         let bar = bar(quiet, 100, "{bar:24} {elapsed:>4} {msg}");
         let recording = report.then(Recording::default);
-        Self { bar, began: Instant::now(), stages: dump_stages.then(Vec::new), recording, has_begun: false }
+        let still = (!quiet).then(|| StillThere::new(bar.clone()));
+        let stages = dump_stages.then(Vec::new);
+        Self { bar, still, began: Instant::now(), stages, recording, has_begun: false }
     }
 
     /// Whether a stage has begun.
@@ -40,9 +48,60 @@ impl Progress {
     }
 
     /// Takes the bar away and hands over the collected clouds, and what the report shows.
-    pub(super) fn finish(self) -> (Vec<File>, Option<Recording>) {
+    pub(super) fn finish(mut self) -> (Vec<File>, Option<Recording>) {
+        drop(self.still.take());
         self.bar.finish_and_clear();
         (self.stages.unwrap_or_default(), self.recording)
+    }
+}
+
+/// Stages of what follows from a search, which kept seams go through, too.
+const AFTERWARDS: [&str; 4] = ["order", "air", "torch", "report"];
+/// No stage is silent for longer.
+const SILENT: Duration = Duration::from_millis(1900);
+
+/// Tells that a stage goes on: the clock of the bar on a terminal, a line elsewhere.
+struct StillThere {
+    stages: Option<Sender<&'static str>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl StillThere {
+    fn new(bar: ProgressBar) -> Self {
+        let (stages, begun) = channel::<&'static str>();
+        let tell = move || {
+            let (mut stage, mut since) = ("scan", Instant::now());
+            let mut told = since;
+            loop {
+                match begun.recv_timeout(SILENT.saturating_sub(told.elapsed())) {
+                    Ok(next) if next == stage => {}
+                    Ok(next) => (stage, since, told) = (next, Instant::now(), Instant::now()),
+                    Err(RecvTimeoutError::Timeout) => {
+                        told = Instant::now();
+                        match bar.is_hidden() {
+                            true => tell(&format!("{stage}: {:.0} s", since.elapsed().as_secs_f64())),
+                            false => bar.tick(),
+                        }
+                    }
+                    Err(RecvTimeoutError::Disconnected) => return,
+                }
+            }
+        };
+        // Without a thread there is silence.
+        let thread = std::thread::Builder::new().name("progress".into()).spawn(tell).ok();
+        Self { stages: Some(stages), thread }
+    }
+
+    fn stage(&self, name: &'static str) {
+        // The thread lives as long as its sender.
+        let _ = self.stages.as_ref().map(|stages| stages.send(name));
+    }
+}
+
+impl Drop for StillThere {
+    fn drop(&mut self) {
+        drop(self.stages.take());
+        let _ = self.thread.take().map(JoinHandle::join);
     }
 }
 
@@ -68,7 +127,8 @@ pub(super) fn bar(quiet: bool, length: u64, template: &str) -> ProgressBar {
 
 impl Observer for Progress {
     fn stage(&mut self, name: &'static str) {
-        self.has_begun = true;
+        self.has_begun |= !AFTERWARDS.contains(&name);
+        self.still.iter().for_each(|still| still.stage(name));
         // A finer scale begins some stages again: the bar does not go back.
         let usual = PASSED.iter().find(|(stage, _)| *stage == name).map_or(0, |(_, percent)| *percent);
         let passed = usual.max(self.bar.position());

@@ -15,7 +15,7 @@ use weldpath_files::{File, Writer};
 use weldpath_job::output::verdict::State;
 use weldpath_job::run::job::Job;
 use weldpath_job::run::planning::{self, Error, PASSED};
-use weldpath_job::run::postprocessing::{Output, postprocess};
+use weldpath_job::run::postprocessing::{self, Output, postprocess_observed};
 use weldpath_method::pipeline::{Evidence, Observer, Plan, PlanError};
 use weldpath_method::weld::{PathPoint, SeamPath};
 
@@ -90,10 +90,14 @@ fn plan(session: &Session, Begun { wish, job, stop }: Begun) {
 /// What follows from what was found: the files, and the page.
 fn show(session: &Session, job: Job, found: Arc<Searched>, stop: &AtomicBool) -> Result<(), Told> {
     session.found(&found);
-    session.stage("files", 99);
     let source = planning::source(&found.scan, &job);
-    let mut output = postprocess(&found.plan, &job, source)
-        .map_err(|error| told(error, "take the last edit back, or choose other seams"))?;
+    let mut watch = Watch { session, stop, recording: Recording::default() };
+    let mut output =
+        postprocess_observed(&found.plan, &job, source, &mut watch).map_err(|error| match error {
+            postprocessing::Error::GivenUp => given_up(),
+            error => told(error, "take the last edit back, or choose other seams"),
+        })?;
+    session.stage("files", 99);
     let report = found.seen.as_ref().map(|seen| report::files(&found.plan, &output, seen, &job));
     let report = report.unwrap_or_default();
     let html =

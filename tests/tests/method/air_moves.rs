@@ -3,6 +3,7 @@
 
 use nalgebra::{Matrix3, Point3, Rotation3, UnitQuaternion, Vector3};
 use weldpath::geometry::cloud::PointCloud;
+use weldpath::model::surface::Surface;
 use weldpath::robot::feasibility::torch::Torch;
 use weldpath::weld::air::terrain::Terrain;
 use weldpath::weld::program::{Kind, Motion, Pass, Program, Waypoint, program};
@@ -62,7 +63,7 @@ fn seam(id: usize, from: [f64; 3], to: [f64; 3], out: [f64; 3]) -> SeamPath {
 fn planned(paths: &[SeamPath], model: &PointCloud, torch: Option<&Torch>) -> Program {
     let passes: Vec<Pass> = paths.iter().map(|path| Pass { path: path.clone(), motion: MOTION }).collect();
     let balls = torch.map(Torch::balls);
-    program(&passes, &Terrain::new(model, paths, CLEARANCE_MM, balls.as_deref()))
+    program(&passes, &Terrain::new(&Surface::of(model), paths, CLEARANCE_MM, balls.as_deref()))
 }
 
 /// Each way from a retract to the next approach, both with it.

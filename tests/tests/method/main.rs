@@ -18,6 +18,7 @@ mod fit_up;
 mod fixtures;
 mod instructions;
 mod kept;
+mod many;
 mod merged_clouds;
 mod paper_comparison;
 mod pieces;

@@ -27,15 +27,18 @@ use steps::Steps;
 
 /// Share of the time, in percent, that has usually passed when a stage begins, measured on the fixtures: a stage at a time
 /// says little about when it is over.
-pub const PASSED: [(&str, u64); 8] = [
+pub const PASSED: [(&str, u64); 11] = [
     ("scan", 0),
     ("normals", 3),
     ("reconstruction", 32),
     ("downsampling", 48),
     ("denoising", 62),
     ("seam", 67),
-    ("asked", 97),
-    ("toolpath", 99),
+    ("asked", 94),
+    ("toolpath", 95),
+    ("order", 96),
+    ("air", 97),
+    ("torch", 98),
 ];
 
 /// All seams of a scan, as the job says they are found.

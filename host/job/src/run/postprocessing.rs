@@ -19,15 +19,16 @@ use crate::run::selection;
 use crate::run::selection::select;
 use crate::run::verdict;
 use weldpath_files::File;
+use weldpath_method::cancellation::{Worker, unless_given_up};
 use weldpath_method::model::surface::Surface;
-use weldpath_method::pipeline::{Method, Plan};
+use weldpath_method::pipeline::{Method, Observer, Plan};
 use weldpath_method::seam::Joint;
 use weldpath_method::weld::SeamPath;
 use weldpath_method::weld::air::terrain::{Ball, Terrain};
 use weldpath_method::weld::air::{End, Surroundings};
 use weldpath_method::weld::ends::reverse;
 use weldpath_method::weld::ordering;
-use weldpath_method::weld::ordering::{AirWays, AllowedDirection, Gates, Turn, uphill};
+use weldpath_method::weld::ordering::{AirWays, AllowedDirection, Gates, MOST_ORDERED, Turn, uphill};
 use weldpath_method::weld::program::{Pass, Program, Waypoint, program};
 use weldpath_method::weld::recipe::{Recipe, apply};
 
@@ -66,6 +67,9 @@ pub enum Error {
         /// Of it and the seams before it.
         points: usize,
     },
+    /// [`Observer::is_done`] said so.
+    #[error("the plan was given up")]
+    GivenUp,
 }
 
 /// Welded points of all passes of a job. No controller loads a program of this length (some 25 MB of URScript); beyond it
@@ -73,29 +77,73 @@ pub enum Error {
 pub const MOST_POINTS: usize = 100_000;
 
 /// Everything that follows from `plan` and `job`; writes nothing.
+///
+/// # Errors
+/// If the selection leaves nothing, or too much for a program.
 pub fn postprocess(plan: &Plan, job: &Job, source: Source) -> Result<Output, Error> {
+    postprocess_observed(plan, job, source, &mut ())
+}
+
+/// As [`postprocess`]; the observer is told of the stages `order`, `air` and `torch`, and may give them up.
+///
+/// # Errors
+/// Those of [`postprocess`], and if the observer wants no more.
+pub fn postprocess_observed(
+    plan: &Plan,
+    job: &Job,
+    source: Source,
+    observer: &mut dyn Observer,
+) -> Result<Output, Error> {
+    unless_given_up(|| output(plan, job, source, &mut Stages { observer, worker: Worker::default() }))
+        .unwrap_or(Err(Error::GivenUp))
+}
+
+/// What may take long, and who watches it.
+struct Stages<'a> {
+    observer: &'a mut dyn Observer,
+    worker: Worker,
+}
+
+impl Stages<'_> {
+    fn stage<T: Send>(&mut self, name: &'static str, work: impl FnOnce() -> T + Send) -> T {
+        self.observer.stage(name);
+        let observer = &*self.observer;
+        self.worker.run(|| observer.is_done(), work)
+    }
+}
+
+fn output(plan: &Plan, job: &Job, source: Source, stages: &mut Stages) -> Result<Output, Error> {
     let frame = source.frame;
     let left_out = verdict::left_out(plan, job);
     let mut selected = chosen(plan, job)?;
     selected.retain(|path| !left_out.contains(&path.seam));
     let resume = job.resume.as_ref();
-    let seams = resuming::seams(ordered(selected, plan, job)?, resume)?;
+    let ordered = stages.stage("order", || ordered(selected, plan, job))?;
+    let seams = resuming::seams(ordered, resume)?;
     let whole = seams.iter().flat_map(|(path, weld)| passes(path, weld, job.method, &[])).collect();
     let passes = resuming::passes(whole, resume)?;
     let terrain = terrain(&passes, plan, job);
-    let program = program(&passes, &terrain);
+    let program = stages.stage("air", || program(&passes, &terrain));
     let mut warnings = plan.said.warnings.clone();
     warnings.extend(passes.iter().filter_map(shortened_away));
     warnings.extend(program.warnings.iter().cloned());
     warnings.extend(tool_warning(job));
-    let feasibility = feasibility(plan, job, &seams, &terrain);
+    if job.order.sequence == Sequence::Shortest && seams.len() > MOST_ORDERED {
+        warnings.push(format!(
+            "{} seams are welded in the order in which they were found: of more than {MOST_ORDERED} none is sought",
+            seams.len()
+        ));
+    }
+    let feasibility = stages.stage("torch", || feasibility(plan, job, &seams, &terrain));
     warnings.extend(feasibility.iter().flat_map(Report::warnings));
     let paths: Vec<SeamPath> = passes.into_iter().map(|pass| pass.path).collect();
     let lines: Vec<SeamPath> = seams.into_iter().map(|(path, _)| path).collect();
     let mut found = source.findings.clone();
     found.extend(verdict::of_plan(plan, job));
+    found.extend(verdict::many_seams(&lines));
     found.extend(verdict::tips_inside(&paths, &plan.model));
-    let verdict = verdict_on(&program.waypoints, plan.surface(), job, feasibility.as_ref(), found);
+    let verdict = || verdict_on(&program.waypoints, plan.surface(), job, feasibility.as_ref(), found);
+    let verdict = stages.stage("torch", verdict);
     let summary = Summary::new(plan, source, &lines, &paths, job.order.up.get(), warnings)
         .with_joints(plan, &stated_joints(plan, job)?, &lines, job.order.up.get())
         .with_feasibility(feasibility.as_ref())
@@ -180,7 +228,7 @@ fn ordered(mut paths: Vec<SeamPath>, plan: &Plan, job: &Job) -> Result<Vec<(Seam
     }
     let ways: Vec<AllowedDirection> = seams.iter().map(|(path, weld)| way(path, weld, job)).collect();
     let order = match job.order.sequence {
-        Sequence::Shortest if seams.len() > 1 => shortest(&seams, &ways, plan, job),
+        Sequence::Shortest if (2..=MOST_ORDERED).contains(&seams.len()) => shortest(&seams, &ways, plan, job),
         _ => ordering::found(&ways),
     };
     let turned = |Turn { index, reverse: turn }| {
@@ -224,7 +272,7 @@ fn terrain<'a>(passes: &[Pass], plan: &'a Plan, job: &Job) -> Terrain<'a> {
         AirMoves::Shortest => Some(job.torch_body().balls()),
         AirMoves::SafeLevel => None,
     };
-    Terrain::new(&plan.model, passes.iter().map(|pass| &pass.path), clearance_mm, torch.as_deref())
+    Terrain::new(plan.surface(), passes.iter().map(|pass| &pass.path), clearance_mm, torch.as_deref())
 }
 
 /// Joint types that the job states, by the ids of the seams; of several for one seam the last holds.

@@ -16,6 +16,7 @@ use crate::robot::posture::Maker;
 use crate::run::job::Job;
 use weldpath_method::geometry::cloud::PointCloud;
 use weldpath_method::geometry::grid::Grid;
+use weldpath_method::geometry::statistics::median;
 use weldpath_method::input::{CloudFrame, DoubtKind, Scan};
 use weldpath_method::pipeline::{HandEyeError, Misfit, Plan, ViewReport};
 use weldpath_method::seam::Seam;
@@ -132,6 +133,29 @@ pub fn of_plan(plan: &Plan, job: &Job) -> Vec<Finding> {
         found.push(Finding::new(ReasonId::ToolNotStated, words));
     }
     found
+}
+
+/// Parts with more seams than this are rare, and mistakes of the input that make hundreds of them are not.
+const MANY: usize = 100;
+/// Noise makes short seams, mm.
+const SHORT_MM: f64 = 25.0;
+
+/// More seams than a part has, and what may be the cause.
+pub(crate) fn many_seams(welded: &[SeamPath]) -> Option<Finding> {
+    let mut lengths_mm: Vec<f64> = welded.iter().map(SeamPath::length_mm).collect();
+    let half_mm = median(&mut lengths_mm);
+    let cause = match half_mm {
+        short if short < SHORT_MM => {
+            "so short, they may be noise that passes for corners: see the unit, and whether a measured mesh is taken as drawn \
+             (--as scan)"
+        }
+        _ => "see that the input is one part and not a whole assembly",
+    };
+    let words = format!(
+        "{} seams are welded, half of them shorter than {half_mm:.0} mm: {cause}; --seam, --roi and [[seam]] choose among them",
+        welded.len()
+    );
+    (welded.len() > MANY).then(|| Finding::new(ReasonId::ManySeams, words))
 }
 
 /// Seams that are found but not welded: over the limit, or perhaps contacts with what holds the work, and not accepted.

@@ -9,6 +9,7 @@ pub(crate) mod rows;
 mod sorting;
 pub mod sweep;
 
+use crate::cancellation::go_on;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use rows::Rows;
@@ -119,6 +120,7 @@ impl Grid {
         if self.is_empty() {
             return;
         }
+        go_on();
         let (low, high) = (self.rows.cell(low), self.rows.cell(high));
         for z in low[2]..=high[2] {
             for y in low[1]..=high[1] {

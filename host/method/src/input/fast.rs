@@ -43,7 +43,7 @@ pub(super) fn read(path: &Path) -> Option<Raw> {
     Some(raw)
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "pcd"))]
 mod tests {
     use super::*;
 

@@ -15,12 +15,66 @@ pub struct Surface {
     pub origin_mm: Point3<f64>,
     /// The points.
     pub grid: Grid,
+    /// Box around them, from the origin; of no points the low corner is above the high one.
+    pub corners_mm: [Point3<f32>; 2],
 }
 
 impl Surface {
     /// That of a model.
     pub fn of(model: &PointCloud) -> Self {
-        Self { origin_mm: model.origin_mm, grid: Grid::new(&surface(&model.points_mm), CELL_MM) }
+        let points_mm = surface(&model.points_mm);
+        let [low, high] = [f32::INFINITY, f32::NEG_INFINITY].map(|v| Point3::from(Vector3::repeat(v)));
+        let corners_mm = points_mm.iter().fold([low, high], |[low, high], p| [low.inf(p), high.sup(p)]);
+        Self { origin_mm: model.origin_mm, grid: Grid::new(&points_mm, CELL_MM), corners_mm }
+    }
+
+    /// Whether there is no point.
+    pub fn is_empty(&self) -> bool {
+        self.grid.is_empty()
+    }
+
+    /// The points in the base frame, mm.
+    pub fn in_base_mm(&self) -> impl Iterator<Item = Point3<f64>> + Clone + '_ {
+        (0..self.grid.len()).map(|slot| self.origin_mm + self.grid.point(slot).coords.cast::<f64>())
+    }
+
+    /// How far along a unit vector the box around the points reaches from a place, along one axis of the frame; 0 if it is
+    /// behind, and without end where the vector does not lead along that axis.
+    pub(crate) fn reach_mm(
+        &self,
+        from_mm: &Point3<f64>,
+        along: &Vector3<f64>,
+        axis: usize,
+        margin_mm: f64,
+    ) -> f64 {
+        if along[axis].abs() <= 1e-6 || self.is_empty() {
+            return f64::INFINITY;
+        }
+        let wall_mm = self.origin_mm[axis] + f64::from(self.corners_mm[usize::from(along[axis] > 0.0)][axis]);
+        let ahead_mm = (wall_mm - from_mm[axis]) * along[axis].signum() + margin_mm;
+        (ahead_mm / along[axis].abs()).max(0.0)
+    }
+
+    /// Whether no point lies ahead of a place within `radius_mm` of the ray along a unit vector.
+    pub(crate) fn is_free(&self, from_mm: &Point3<f64>, along: &Vector3<f64>, radius_mm: f64) -> bool {
+        let length_mm =
+            (0..3).map(|axis| self.reach_mm(from_mm, along, axis, radius_mm)).fold(f64::INFINITY, f64::min);
+        if !length_mm.is_finite() {
+            return true;
+        }
+        let from = from_mm - self.origin_mm.coords;
+        let pieces = (length_mm / (2.0 * radius_mm).max(1.0)).ceil() as usize;
+        let half_mm = 0.5 * length_mm / pieces.max(1) as f64;
+        (0..pieces).all(|k| {
+            let middle = from + along * (half_mm * (2 * k + 1) as f64);
+            let mut free = true;
+            self.grid.within(&middle.cast(), half_mm.hypot(radius_mm) as f32, |slot, _| {
+                let offset = self.grid.point(slot).cast::<f64>() - from;
+                let ahead = offset.dot(along);
+                free &= ahead <= 0.0 || (offset - along * ahead).norm_squared() > radius_mm * radius_mm;
+            });
+            free
+        })
     }
 }
 

@@ -1,6 +1,7 @@
 //! The stages of a plan as they pass: who watches them, and how long each took.
 
 use super::result::PlanError;
+use crate::cancellation::Worker;
 use crate::geometry::cloud::{Merged, PointCloud};
 use crate::geometry::grid::Grid;
 use crate::model::downsampling::Voxels;
@@ -41,7 +42,8 @@ pub trait Observer {
     fn evidence(&mut self, evidence: &Evidence) {
         let _ = evidence;
     }
-    /// Whether nobody waits for the plan any more; asked between stages.
+    /// Whether nobody waits for the plan any more; asked between stages and about twenty times a second, on the thread that
+    /// asked for the plan.
     fn is_done(&self) -> bool {
         false
     }
@@ -68,22 +70,24 @@ impl<T> Clone for Step<T> {
 pub(super) struct Stages<'a> {
     pub(super) observer: &'a mut dyn Observer,
     pub(super) times: Times,
+    worker: Worker,
 }
 
 impl<'a> Stages<'a> {
     pub(super) fn new(observer: &'a mut dyn Observer) -> Self {
-        Self { observer, times: Times::new() }
+        Self { observer, times: Times::new(), worker: Worker::default() }
     }
 
     /// Does the work of a stage, and tells the observer before.
-    pub(super) fn stage<T>(&mut self, name: &'static str, work: impl FnOnce() -> T) -> T {
+    pub(super) fn stage<T: Send>(&mut self, name: &'static str, work: impl FnOnce() -> T + Send) -> T {
         self.observer.stage(name);
         self.time(name, work)
     }
 
-    pub(super) fn time<T>(&mut self, stage: &'static str, work: impl FnOnce() -> T) -> T {
-        let begin = Instant::now();
-        let done = work();
+    /// Does the work of a part of one. It unwinds if the plan is given up, as [`cancellation`](crate::cancellation) says.
+    pub(super) fn time<T: Send>(&mut self, stage: &'static str, work: impl FnOnce() -> T + Send) -> T {
+        let (begin, observer) = (Instant::now(), &*self.observer);
+        let done = self.worker.run(|| observer.is_done(), work);
         let spent = begin.elapsed().as_secs_f64();
         match self.times.iter_mut().find(|(name, _)| name == stage) {
             Some((_, total)) => *total += spent,

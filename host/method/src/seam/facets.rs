@@ -10,6 +10,7 @@ mod description;
 mod meeting;
 mod strand;
 
+use crate::cancellation::go_on;
 use crate::geometry::mesh::Mesh;
 use crate::seam::ordering::{mark_branches, order};
 use crate::seam::{Found, Seam};
@@ -30,13 +31,23 @@ const JUNCTION_MM: f64 = 1.0;
 /// All seams of a mesh in the order of the weld.
 pub fn find(mesh: &Mesh, base_from_mesh: &Isometry3<f64>) -> Found {
     let meetings = meeting::meetings(mesh);
-    let pieces: Vec<corner::Piece> =
-        meetings.par_iter().flat_map_iter(|meeting| corner::pieces(mesh, meeting)).collect();
+    let pieces: Vec<corner::Piece> = meetings
+        .par_iter()
+        .flat_map_iter(|meeting| {
+            go_on();
+            corner::pieces(mesh, meeting)
+        })
+        .collect();
     let strands = strand::strands(strand::once(pieces));
     let (long, short): (Vec<_>, Vec<_>) =
         strands.into_iter().partition(|strand| strand.length_mm() >= SHORTEST_MM);
-    let mut seams: Vec<Seam> =
-        long.par_iter().map(|strand| description::seam(mesh, strand, base_from_mesh)).collect();
+    let mut seams: Vec<Seam> = long
+        .par_iter()
+        .map(|strand| {
+            go_on();
+            description::seam(mesh, strand, base_from_mesh)
+        })
+        .collect();
     mark_branches(&mut seams, JUNCTION_MM);
     order(&mut seams);
     let reason =

@@ -15,6 +15,7 @@ use nalgebra::{Point3, Unit, UnitQuaternion, UnitVector3, Vector3};
 
 use super::PathPoint;
 use super::pass::Pass;
+use crate::cancellation::go_on;
 use crossing::{Crossing, Stretches};
 use terrain::{Known, MARK_MM, Terrain, swept};
 
@@ -124,6 +125,7 @@ impl<'a> Surroundings<'a> {
 
     /// The shortest way found; never longer than that over the safe level.
     pub fn way(&self, from: &End, to: &End) -> AirRoute {
+        go_on();
         let safe = over_the_safe_level(from, to);
         let (Some(map), Some(known)) = (&self.terrain.map, &self.known) else { return safe };
         let (up, safe_level_mm) = (self.terrain.up, self.safe_level_mm);
@@ -160,26 +162,13 @@ impl<'a> Surroundings<'a> {
 
     /// Whether no scanned point lies ahead of `from_mm` within `radius_mm` of the ray along the unit vector `along`.
     fn is_free(&self, from_mm: Point3<f64>, along: Vector3<f64>, radius_mm: f64) -> bool {
-        let model = self.terrain.model;
-        (0..model.len()).all(|i| {
-            let v = model.in_base_mm(i) - from_mm;
-            let ahead = v.dot(&along);
-            ahead <= 0.0 || (v - along * ahead).norm_squared() > radius_mm * radius_mm
-        })
+        self.terrain.work.is_free(&from_mm, &along, radius_mm)
     }
 
     /// How far along the unit vector `along` the model's box, grown by the clearance, is left behind, mm.
     fn distance_out_mm(&self, from_mm: Point3<f64>, along: Vector3<f64>) -> f64 {
-        let Terrain { model, clearance_mm, .. } = self.terrain;
-        let points = || (0..model.len()).map(|i| model.in_base_mm(i));
-        (0..3)
-            .filter(|&axis| along[axis].abs() > 1e-6)
-            .map(|axis| {
-                let sign = along[axis].signum();
-                let wall = points().map(|p| sign * p[axis]).fold(f64::NEG_INFINITY, f64::max) + clearance_mm;
-                ((wall - sign * from_mm[axis]) / along[axis].abs()).max(0.0)
-            })
-            .fold(f64::INFINITY, f64::min)
+        let Terrain { work, clearance_mm, .. } = self.terrain;
+        (0..3).map(|axis| work.reach_mm(&from_mm, &along, axis, *clearance_mm)).fold(f64::INFINITY, f64::min)
     }
 }
 
@@ -234,21 +223,22 @@ pub fn up<'p>(points: impl Iterator<Item = &'p PathPoint>) -> UnitVector3<f64> {
 mod tests {
     use super::*;
     use crate::geometry::cloud::PointCloud;
+    use crate::model::surface::Surface;
     use crate::weld::Process;
     use crate::weld::SeamPath;
     use nalgebra::UnitQuaternion;
 
     /// A 200 mm plate in the plane `z = 0`, 5 mm spacing, with more points if asked.
-    fn plate(extra_mm: &[Point3<f32>]) -> PointCloud {
+    fn plate(extra_mm: &[Point3<f32>]) -> Surface {
         let side = || (0..=40).map(|i| i as f32 * 5.0);
         let mut points_mm: Vec<Point3<f32>> =
             side().flat_map(|x| side().map(move |y| Point3::new(x, y, 0.0))).collect();
         points_mm.extend(extra_mm);
         let normals = vec![Vector3::z(); points_mm.len()];
-        PointCloud { origin_mm: Point3::origin(), points_mm, normals }
+        Surface::of(&PointCloud { origin_mm: Point3::origin(), points_mm, normals })
     }
 
-    fn around(model: &PointCloud, out: Vector3<f64>) -> Terrain<'_> {
+    fn around(model: &Surface, out: Vector3<f64>) -> Terrain<'_> {
         Terrain::new(model, &pointing(out), 30.0, None)
     }
 

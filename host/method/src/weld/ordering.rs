@@ -4,7 +4,8 @@
 //! of all of them is made small; where the robot comes from and goes to is not known. For few seams it is the least there
 //! is (Held and Karp 1962). For more it is what local search finds: from the order found, and from the nearest neighbour
 //! of every seam, by turning stretches round (2-opt), moving up to three seams elsewhere (Or-opt) and turning single seams
-//! round, until nothing helps. Seams that must keep their direction keep it.
+//! round, until nothing helps. Seams that must keep their direction keep it. Of many seams fewer ways are sought and fewer
+//! starts tried, so that the time stays bounded.
 
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
@@ -14,6 +15,7 @@ use rayon::prelude::*;
 
 use super::SeamPath;
 use super::air::{End, Surroundings, safe_mm};
+use crate::cancellation::go_on;
 
 /// Which way a seam may be welded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -81,12 +83,13 @@ impl AirWays {
         let turns: Vec<Turn> = every_turn(gates.len()).collect();
         let ends = |turn: &Turn| gates[turn.index].ends(turn.reverse);
         let allowed = |turn: &Turn| ways[turn.index] != opposite(turn.reverse);
+        let sought = MOST_SOUGHT.min(MOST_WAYS / turns.len().max(1));
         let row = |from: &Turn| -> Vec<f64> {
             let retract = &ends(from)[1];
             let away_mm = |to: &Turn| (ends(to)[0].pose.tip_mm - retract.pose.tip_mm).norm();
             let mut nearest_mm: Vec<f64> = turns.iter().map(away_mm).collect();
             nearest_mm.sort_unstable_by(f64::total_cmp);
-            let far_mm = nearest_mm.get(MOST_SOUGHT).copied().unwrap_or(f64::INFINITY);
+            let far_mm = nearest_mm.get(sought).copied().unwrap_or(f64::INFINITY);
             let way_mm = |to: &Turn| match allowed(from) && allowed(to) && from.index != to.index {
                 true if away_mm(to) <= far_mm => around.way(retract, &ends(to)[0]).length_mm,
                 true => safe_mm(retract, &ends(to)[0]),
@@ -114,6 +117,10 @@ impl AirWays {
 
 /// To more ends than this, the nearest ones, no shorter way is sought from one end: it counts as over the safe level.
 const MOST_SOUGHT: usize = 40;
+/// Nor more ways than this in all: some seconds.
+const MOST_WAYS: usize = 12_000;
+/// Of more seams no order is sought: the ways between all ends would take gigabytes.
+pub const MOST_ORDERED: usize = 2_000;
 
 /// All turns, each at its [`place`].
 fn every_turn(count: usize) -> impl Iterator<Item = Turn> {
@@ -151,6 +158,7 @@ fn least(air: &AirWays) -> Vec<Turn> {
     let mut best: Vec<Vec<Turn>> = every.iter().map(|turn| vec![*turn]).collect();
     for _ in 1..air.len() {
         let mut longer: HashMap<(u32, Turn), Vec<Turn>> = HashMap::new();
+        go_on();
         for (order, next) in best.iter().flat_map(|order| every.iter().map(move |next| (order, next))) {
             if order.iter().any(|turn| turn.index == next.index) {
                 continue;
@@ -175,9 +183,13 @@ fn least(air: &AirWays) -> Vec<Turn> {
 }
 
 fn searched(air: &AirWays) -> Vec<Turn> {
-    let mut best = improved(found(&air.ways), air);
+    let mut tries = Tries { left: MOST_TRIES };
+    let mut best = improved(found(&air.ways), air, &mut tries);
     for start in 0..air.len().min(MOST_STARTS) {
-        let other = improved(nearest_neighbours(start, air), air);
+        if tries.left == 0 {
+            break;
+        }
+        let other = improved(nearest_neighbours(start, air), air, &mut tries);
         if air.air_mm(&other) < air.air_mm(&best) - GAIN_MM {
             best = other;
         }
@@ -191,8 +203,13 @@ const GAIN_MM: f64 = 1e-6;
 const MOST_STARTS: usize = 40;
 /// Most seams that are moved together.
 const MOST_MOVED: usize = 3;
-/// Rounds of improvement; each is shorter than the one before, and real parts need a few.
-const MOST_ROUNDS: usize = 200;
+/// Steps that are tried in all: two seconds. A hundred seams need fewer for all their starts.
+const MOST_TRIES: usize = 60_000_000;
+
+/// How many steps may still be tried.
+struct Tries {
+    left: usize,
+}
 
 fn nearest_neighbours(start: usize, air: &AirWays) -> Vec<Turn> {
     let reverse = air.ways[start] == AllowedDirection::Reverse;
@@ -217,44 +234,127 @@ fn turns(index: usize, air: &AirWays) -> impl Iterator<Item = Turn> + use<> {
     forward.into_iter().chain(reverse)
 }
 
-/// Takes the first improvement of each round until there is none.
-fn improved(mut order: Vec<Turn>, air: &AirWays) -> Vec<Turn> {
-    for _ in 0..MOST_ROUNDS {
-        let length_mm = air.air_mm(&order);
-        let shorter = neighbours(&order, air).find(|other| air.air_mm(other) < length_mm - GAIN_MM);
-        match shorter {
-            Some(shorter) => order = shorter,
-            None => break,
+/// Takes every step that makes the order shorter, until none does.
+fn improved(order: Vec<Turn>, air: &AirWays, tries: &mut Tries) -> Vec<Turn> {
+    let mut chain = Chain::new(order, air);
+    loop {
+        let before_mm = chain.length_mm();
+        (0..chain.order.len()).for_each(|from| chain.turn_round(from, tries));
+        (0..chain.order.len()).for_each(|from| chain.move_from(from, tries));
+        if chain.length_mm() > before_mm - GAIN_MM || tries.left == 0 {
+            return chain.order;
         }
     }
-    order
 }
 
-/// Orders that differ by one step from this one.
-fn neighbours<'a>(order: &'a [Turn], air: &'a AirWays) -> impl Iterator<Item = Vec<Turn>> + 'a {
-    let count = order.len();
-    let stretches = (0..count).flat_map(move |from| (from + 1..=count).map(move |to| (from, to)));
-    let turned = stretches.clone().map(move |(from, to)| {
-        let mut other = order.to_vec();
-        other[from..to].reverse();
-        other[from..to].iter_mut().for_each(|turn| *turn = flipped(*turn, air));
-        other
-    });
-    let moved = stretches.filter(|(from, to)| to - from <= MOST_MOVED).flat_map(move |(from, to)| {
-        (0..=count - (to - from)).flat_map(move |at| {
-            [false, true].map(|flip| {
-                let mut rest = order.to_vec();
-                let mut taken: Vec<Turn> = rest.drain(from..to).collect();
-                if flip {
-                    taken.reverse();
-                    taken.iter_mut().for_each(|turn| *turn = flipped(*turn, air));
+/// An order, with what makes a step cheap to try: how far each of its turns lies from the first, as it stands and turned round.
+struct Chain<'a> {
+    air: &'a AirWays,
+    order: Vec<Turn>,
+    /// To each turn, along the order, mm.
+    forward_mm: Vec<f64>,
+    /// From each turn back to the first, each of them turned round, mm.
+    back_mm: Vec<f64>,
+}
+
+impl<'a> Chain<'a> {
+    fn new(order: Vec<Turn>, air: &'a AirWays) -> Self {
+        let mut chain = Self { air, order, forward_mm: Vec::new(), back_mm: Vec::new() };
+        chain.measure();
+        chain
+    }
+
+    fn measure(&mut self) {
+        let Self { air, order, .. } = self;
+        let sums = |way_mm: &dyn Fn(&Turn, &Turn) -> f64| -> Vec<f64> {
+            let steps = order.windows(2).map(|w| way_mm(&w[0], &w[1]));
+            let sum = |sum: &mut f64, step: f64| Some(std::mem::replace(sum, *sum + step));
+            steps.chain([0.0]).scan(0.0, sum).collect()
+        };
+        let forward_mm = sums(&|a, b| air.between_mm(a, b));
+        let back_mm = sums(&|a, b| air.between_mm(&flipped(*b, air), &flipped(*a, air)));
+        (self.forward_mm, self.back_mm) = (forward_mm, back_mm);
+    }
+
+    fn length_mm(&self) -> f64 {
+        self.forward_mm.last().copied().unwrap_or(0.0)
+    }
+
+    /// From the turn at one place to that at another; nothing beyond either end.
+    fn way_mm(&self, from: Option<&Turn>, to: Option<&Turn>) -> f64 {
+        from.zip(to).map_or(0.0, |(from, to)| self.air.between_mm(from, to))
+    }
+
+    fn before(&self, at: usize) -> Option<&Turn> {
+        self.order.get(at.wrapping_sub(1))
+    }
+
+    /// Along the order between two places, both of which it has.
+    fn along_mm(&self, from: usize, to: usize) -> f64 {
+        self.forward_mm[to] - self.forward_mm[from]
+    }
+
+    /// Turns round every stretch from here that gains by it.
+    fn turn_round(&mut self, from: usize, tries: &mut Tries) {
+        go_on();
+        for to in from + 1..=self.order.len() {
+            tries.left = tries.left.saturating_sub(1);
+            let (first, last) = (flipped(self.order[from], self.air), flipped(self.order[to - 1], self.air));
+            let (before, after) = (self.before(from), self.order.get(to));
+            let now_mm = self.way_mm(before, Some(&self.order[from]))
+                + self.along_mm(from, to - 1)
+                + self.way_mm(Some(&self.order[to - 1]), after);
+            let then_mm = self.way_mm(before, Some(&last)) + self.back_mm[to - 1] - self.back_mm[from]
+                + self.way_mm(Some(&first), after);
+            if then_mm < now_mm - GAIN_MM {
+                turned(&mut self.order[from..to], self.air);
+                self.measure();
+            }
+        }
+    }
+
+    /// Moves the one, two or three turns from here to where they gain most, turned round or not.
+    fn move_from(&mut self, from: usize, tries: &mut Tries) {
+        go_on();
+        for to in from + 1..=(from + MOST_MOVED).min(self.order.len()) {
+            let taken = [false, true].map(|turn| {
+                let mut taken = self.order[from..to].to_vec();
+                if turn {
+                    turned(&mut taken, self.air);
                 }
-                rest.splice(at..at, taken);
-                rest
-            })
-        })
-    });
-    turned.chain(moved)
+                taken
+            });
+            let inner_mm = [self.along_mm(from, to - 1), self.back_mm[to - 1] - self.back_mm[from]];
+            let (before, after) = (self.before(from), self.order.get(to));
+            let saved_mm = self.way_mm(before, Some(&self.order[from]))
+                + inner_mm[0]
+                + self.way_mm(Some(&self.order[to - 1]), after)
+                - self.way_mm(before, after);
+            let places = (0..from).chain(to + 1..=self.order.len());
+            let costs = places.flat_map(|at| [0, 1].map(|turn| (at, turn))).map(|(at, turn)| {
+                let (before, after) = (self.before(at), self.order.get(at));
+                let [first, .., last] = [&taken[turn][0], &taken[turn][to - from - 1]];
+                let cost_mm =
+                    self.way_mm(before, Some(first)) + inner_mm[turn] + self.way_mm(Some(last), after)
+                        - self.way_mm(before, after);
+                (cost_mm, at, turn)
+            });
+            tries.left = tries.left.saturating_sub(2 * self.order.len());
+            let Some((cost_mm, at, turn)) = costs.min_by(|a, b| a.0.total_cmp(&b.0)) else { continue };
+            if cost_mm < saved_mm - GAIN_MM {
+                self.order.drain(from..to);
+                let at = if at > from { at - (to - from) } else { at };
+                self.order.splice(at..at, taken[turn].iter().copied());
+                self.measure();
+            }
+        }
+    }
+}
+
+/// Turns a stretch round, with every seam in it that may be welded both ways.
+fn turned(stretch: &mut [Turn], air: &AirWays) {
+    stretch.reverse();
+    stretch.iter_mut().for_each(|turn| *turn = flipped(*turn, air));
 }
 
 /// The other way round, if the seam may be welded so.

@@ -226,6 +226,7 @@ mod tests {
     use super::super::SeamPath;
     use super::*;
     use crate::geometry::cloud::PointCloud;
+    use crate::model::surface::Surface;
     use crate::weld::Process;
     use crate::weld::ends::{directions, lead};
     use nalgebra::Vector3;
@@ -242,7 +243,7 @@ mod tests {
 
     fn of(paths: &[SeamPath]) -> Program {
         let pass = |path: &SeamPath| Pass { path: path.clone(), motion: MOTION };
-        let model = model();
+        let model = Surface::of(&model());
         let terrain = Terrain::new(&model, paths, MOTION.clearance_mm, None);
         program(&paths.iter().map(pass).collect::<Vec<_>>(), &terrain)
     }
@@ -313,7 +314,7 @@ mod tests {
         assert!(of(&[]).waypoints.is_empty());
         assert!(of(&[lonely]).waypoints.is_empty());
         let pass = Pass { path: line(1, 0.0, 0.0), motion: MOTION };
-        let nothing = PointCloud::default();
+        let nothing = Surface::of(&PointCloud::default());
         let terrain = Terrain::new(&nothing, [&pass.path], MOTION.clearance_mm, Some(&[]));
         assert!(
             !program(std::slice::from_ref(&pass), &terrain).waypoints.is_empty(),

@@ -60,7 +60,7 @@ fn table() -> PointCloud {
 /// The program of one pass along each path.
 fn welded(paths: &[SeamPath], model: &PointCloud) -> Vec<Waypoint> {
     let passes: Vec<Pass> = paths.iter().map(|path| Pass { path: path.clone(), motion: MOTION }).collect();
-    program(&passes, &Terrain::new(model, paths, MOTION.clearance_mm, None)).waypoints
+    program(&passes, &Terrain::new(&Surface::of(model), paths, MOTION.clearance_mm, None)).waypoints
 }
 
 fn assessed(paths: &[SeamPath], model: &PointCloud, setup: &FeasibilitySetup) -> Report {

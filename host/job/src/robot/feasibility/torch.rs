@@ -173,7 +173,7 @@ const LINK_STEP_MM: f32 = 6.0;
 const LINK_CELL_MM: f32 = 40.0;
 
 impl Thinned {
-    pub(super) fn new(Surface { origin_mm, grid }: &Surface) -> Self {
+    pub(super) fn new(Surface { origin_mm, grid, .. }: &Surface) -> Self {
         let mut taken = HashSet::new();
         let cell = |p: &Point3<f32>| [p.x, p.y, p.z].map(|v| (v / LINK_STEP_MM).floor() as i32);
         let points = (0..grid.len()).map(|slot| grid.point(slot));

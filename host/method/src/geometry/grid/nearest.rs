@@ -5,6 +5,7 @@
 
 use super::Grid;
 use super::lanes::{LANES, eight};
+use crate::cancellation::go_on;
 use nalgebra::{Point3, Vector3};
 use std::ops::Range;
 use wide::f32x8;
@@ -96,6 +97,7 @@ impl<'a, F: FnMut(usize) -> bool, const SECOND: bool> Search<'a, F, SECOND> {
         if self.grid.is_empty() {
             return radius_mm;
         }
+        go_on();
         self.own_stretch();
         let mut reach = self.grid.cell_mm().min(radius_mm);
         loop {

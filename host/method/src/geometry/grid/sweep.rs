@@ -6,6 +6,7 @@
 
 use super::Grid;
 use super::lanes::LANES;
+use crate::cancellation::go_on;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -99,6 +100,7 @@ impl Grid {
             for entry in entries {
                 let own = self.start[entry] as usize..self.start[entry + 1] as usize;
                 if !own.is_empty() {
+                    go_on();
                     around.gather(self, own.clone(), radius_mm, &columns);
                     own.for_each(|slot| made[slot - first] = kernel(slot, around));
                 }

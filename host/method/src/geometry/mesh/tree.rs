@@ -1,5 +1,6 @@
 //! Bounding boxes of triangles in a tree: which are near a box, which does a ray meet.
 
+use crate::cancellation::go_on;
 use nalgebra::{Point3, Vector3};
 
 /// Triangles in a leaf at most.
@@ -77,6 +78,7 @@ impl Tree {
         most: f64,
         mut stop: impl FnMut(RayHit) -> bool,
     ) -> bool {
+        go_on();
         let inverse = direction.map(|d| 1.0 / d);
         let meets = |node: &Node| {
             let (mut near, mut far) = (0.0_f64, most);

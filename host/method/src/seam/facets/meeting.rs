@@ -1,6 +1,7 @@
 //! Where two faces of a mesh may meet: the line in which their planes cut, as far as both are near it.
 
 use super::{GAP_MM, OPENING_DEG};
+use crate::cancellation::go_on;
 use crate::geometry::mesh::{Edge, Mesh, Side};
 use nalgebra::{Matrix3, Point3, Vector3};
 use rayon::prelude::*;
@@ -33,7 +34,10 @@ pub(super) fn meetings(mesh: &Mesh) -> Vec<Meeting> {
     let mut spans: Vec<Span> =
         mesh.edges.par_iter().flat_map_iter(|edge| at_edge(mesh, edge, &curve)).collect();
     let count = mesh.facets.len() as u32;
-    spans.par_extend((0..count).into_par_iter().flat_map_iter(|f| near(mesh, f, &neighbours)));
+    spans.par_extend((0..count).into_par_iter().flat_map_iter(|f| {
+        go_on();
+        near(mesh, f, &neighbours)
+    }));
     spans.par_sort_unstable_by(|a, b| a.0.cmp(&b.0).then(a.1[0].total_cmp(&b.1[0])));
     let meeting = |run: &[Span]| {
         let mut spans_mm: Vec<[f64; 2]> = Vec::new();

@@ -13,7 +13,7 @@ use nalgebra::{Point3, UnitVector3, Vector3};
 use rayon::prelude::*;
 
 use super::{TorchPlace, up};
-use crate::geometry::cloud::PointCloud;
+use crate::model::surface::Surface;
 use crate::weld::SeamPath;
 use weldpath_core::path::interpolation::position_between;
 use weldpath_core::rotation::Arc;
@@ -43,7 +43,7 @@ pub(super) const MARK_MM: f64 = 5.0;
 /// What the torch stays clear of between seams, and the way up.
 #[derive(Debug)]
 pub struct Terrain<'a> {
-    pub(super) model: &'a PointCloud,
+    pub(super) work: &'a Surface,
     pub(super) up: UnitVector3<f64>,
     /// Of all scanned points and seams, along `up`.
     pub(super) highest_mm: f64,
@@ -53,10 +53,10 @@ pub struct Terrain<'a> {
 }
 
 impl<'a> Terrain<'a> {
-    /// Under the air moves between `paths` over `model`. The torch is covered by `torch`; without it nothing below the
+    /// Under the air moves between `paths` over `work`. The torch is covered by `torch`; without it nothing below the
     /// safe level is free.
     pub fn new<'p>(
-        model: &'a PointCloud,
+        work: &'a Surface,
         paths: impl IntoIterator<Item = &'p SeamPath, IntoIter: Clone>,
         clearance_mm: f64,
         torch: Option<&[Ball]>,
@@ -64,15 +64,12 @@ impl<'a> Terrain<'a> {
         let points = paths.into_iter().flat_map(|path| &path.points);
         let up = up(points.clone());
         let seams = points.map(|point| point.position_mm);
-        let highest_mm = (0..model.len())
-            .map(|i| model.in_base_mm(i))
-            .chain(seams)
-            .map(|p| up.dot(&p.coords))
-            .fold(f64::NEG_INFINITY, f64::max);
+        let highest_mm =
+            work.in_base_mm().chain(seams).map(|p| up.dot(&p.coords)).fold(f64::NEG_INFINITY, f64::max);
         let map = torch
-            .filter(|_| !model.is_empty())
-            .map(|torch| Map::new(model, up, highest_mm, clearance_mm, torch));
-        Self { model, up, highest_mm, clearance_mm, map }
+            .filter(|_| !work.is_empty())
+            .map(|torch| Map::new(work, up, highest_mm, clearance_mm, torch));
+        Self { work, up, highest_mm, clearance_mm, map }
     }
 }
 
@@ -111,13 +108,7 @@ struct Size {
 pub(super) struct Known(Vec<HashMap<[i64; 2], f64>>);
 
 impl Map {
-    fn new(
-        model: &PointCloud,
-        up: UnitVector3<f64>,
-        highest_mm: f64,
-        clearance_mm: f64,
-        torch: &[Ball],
-    ) -> Self {
+    fn new(work: &Surface, up: UnitVector3<f64>, highest_mm: f64, clearance_mm: f64, torch: &[Ball]) -> Self {
         let first = if up.x.abs() < 0.9 { Vector3::x() } else { Vector3::y() };
         let first = (first - up.into_inner() * up.dot(&first)).normalize();
         let across = [first, up.cross(&first)];
@@ -127,7 +118,7 @@ impl Map {
         radii_mm.dedup();
         let size = |ball: &Ball| radii_mm.partition_point(|known| *known < radius_mm(ball));
         let balls = torch.iter().map(|ball| (ball.centre_mm, size(ball))).collect();
-        let places = || (0..model.len()).map(|i| across.map(|axis| axis.dot(&model.in_base_mm(i).coords)));
+        let places = || work.in_base_mm().map(|p| across.map(|axis| axis.dot(&p.coords)));
         let (mut low_mm, mut high_mm) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         for place in places() {
             for axis in 0..2 {
@@ -156,8 +147,7 @@ impl Map {
             balls,
             sizes: Vec::new(),
         };
-        for i in 0..model.len() {
-            let p = model.in_base_mm(i);
+        for p in work.in_base_mm() {
             if let Some(cell) = map.cell(&p) {
                 map.seen_mm[cell] = map.seen_mm[cell].max(up.dot(&p.coords) as f32);
             }

@@ -266,7 +266,8 @@ export const WORDS = /* @__PURE__ */ texts("WORDS", {
   gone: "The server has ended. Start `weldpath open` again; everything up to the last plan is in its folder.",
   stages: {
     scan: "reading the scan", normals: "normals", reconstruction: "registering the views", downsampling: "thinning", denoising: "filtering",
-    seam: "finding seams", asked: "finding what was asked for", toolpath: "torch paths", files: "program and files",
+    seam: "finding seams", asked: "finding what was asked for", toolpath: "torch paths", order: "order of the seams",
+    air: "ways between the seams", torch: "torch and arm", files: "program and files",
   },
   planning: (stage) => `Planning: ${stage}`,
   weldSeam: (id) => `Weld seam ${id}`,

@@ -1,0 +1,99 @@
+//! A thousand seams: nothing grows without bound, nothing is silent, and whoever gives up does not wait.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use weldpath::pipeline::{Observer, PlanError};
+use weldpath::run::job::Job;
+use weldpath::run::planning;
+use weldpath::run::postprocessing::{self, postprocess_observed};
+
+/// Edge of a post, the way from one to the next, and its height, mm.
+const POST_MM: [f32; 3] = [30.0, 60.0, 40.0];
+
+/// A plate with so many square posts on it, as an STL of exact planes: each post has four fillets around its foot.
+fn posts(rows: usize, columns: usize, folder: &Path) -> PathBuf {
+    let [side, pitch, height] = POST_MM;
+    let mut corners: Vec<[f32; 3]> = Vec::new();
+    let mut cuboid = |low: [f32; 3], high: [f32; 3]| {
+        let corner = |k: usize| [0, 1, 2].map(|axis| if k >> axis & 1 == 0 { low[axis] } else { high[axis] });
+        for [a, b, c, d] in
+            [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [1, 3, 7, 5], [3, 2, 6, 7], [2, 0, 4, 6]]
+        {
+            corners.extend([a, b, c, a, c, d].map(corner));
+        }
+    };
+    cuboid([0.0, 0.0, -10.0], [columns as f32 * pitch, rows as f32 * pitch, 0.0]);
+    for (row, column) in (0..rows).flat_map(|row| (0..columns).map(move |column| (row, column))) {
+        let at = [column, row].map(|k| (k as f32 + 0.5) * pitch - 0.5 * side);
+        cuboid([at[0], at[1], 0.0], [at[0] + side, at[1] + side, height]);
+    }
+    let mut stl = vec![0; 80];
+    stl.extend((corners.len() as u32 / 3).to_le_bytes());
+    for facet in corners.chunks(3) {
+        stl.extend([0; 12]);
+        stl.extend(facet.iter().flatten().flat_map(|v| v.to_le_bytes()));
+        stl.extend([0; 2]);
+    }
+    let path = folder.join("posts.stl");
+    fs::write(&path, stl).unwrap();
+    path
+}
+
+/// Wants no more after a time.
+struct Watch {
+    begun: Instant,
+    give_up_after: Duration,
+}
+
+impl Observer for Watch {
+    fn is_done(&self) -> bool {
+        self.begun.elapsed() > self.give_up_after
+    }
+}
+
+/// What a person takes for at once.
+const AT_ONCE: Duration = Duration::from_millis(500);
+
+/// From the file to the files, until it is given up; how long it went on after that.
+fn given_up(job: &Job, give_up_after: Duration) -> Option<Duration> {
+    let mut watch = Watch { begun: Instant::now(), give_up_after };
+    let found = planning::find(job, false, &planning::Kept::<()>::default(), &mut watch, |_| None);
+    let is_given_up = match &found {
+        Err(planning::Error::Plan(PlanError::GivenUp)) => true,
+        Err(error) => panic!("{error}"),
+        Ok(found) => {
+            let source = planning::source(&found.scan, job);
+            match postprocess_observed(&found.plan, job, source, &mut watch) {
+                Err(postprocessing::Error::GivenUp) => true,
+                Err(error) => panic!("{error}"),
+                Ok(_) => false,
+            }
+        }
+    };
+    is_given_up.then(|| watch.begun.elapsed() - give_up_after)
+}
+
+#[test]
+fn whoever_gives_up_a_thousand_seams_does_not_wait_for_a_stage() {
+    let home = tempfile::tempdir().unwrap();
+    let job = Job { input: Some(posts(12, 10, home.path())), ..Job::default() };
+    let begun = Instant::now();
+    assert!(given_up(&job, Duration::MAX).is_none());
+    let whole = begun.elapsed();
+    let times: u32 = std::env::var("WELDPATH_GIVE_UP_TIMES").map_or(6, |times| times.parse().unwrap());
+    let mut worst = (Duration::ZERO, Duration::ZERO);
+    for after in (0..times).map(|k| whole * k / times) {
+        // What else the machine does only adds.
+        let mut late = Duration::MAX;
+        for _ in 0..3 {
+            if late > AT_ONCE {
+                late = late.min(given_up(&job, after).unwrap_or_default());
+            }
+        }
+        println!("given up at {after:.1?}, left {late:.2?} later");
+        worst = worst.max((late, after));
+    }
+    assert!(worst.0 < AT_ONCE, "{worst:?} of {whole:?}");
+}
