@@ -22,7 +22,6 @@ use crate::geometry::cloud::View;
 use crate::geometry::grid::Grid;
 use crate::seam::measure::coverage;
 use crate::weld::SeamPath;
-use std::sync::OnceLock;
 
 pub use self::config::{Config, MergeConfig, Method, RATIO_THRESHOLD, SearchConfig, Wishes};
 pub use self::merged::MergedViews;
@@ -104,16 +103,7 @@ fn steps(kept: &mut Kept, views: &[View], config: &Config, stages: &mut Stages) 
     let said = Remarks { warnings: survey.warnings(&merged, &result, &tacks, &coverage), unmet, undrawn };
     let derived = survey.derived(&merged, &result, &stages.times);
     let model = result.model.scene().1.clone();
-    Ok(Plan {
-        model,
-        seams: result.found.seams,
-        paths,
-        coverage,
-        tacks,
-        derived,
-        said,
-        surface: OnceLock::new(),
-    })
+    Ok(Plan { model, seams: result.found.seams, paths, coverage, tacks, derived, said, ..Plan::default() })
 }
 
 /// The steps of a plan that the next one may go on from; they are as large as the scan.

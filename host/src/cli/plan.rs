@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use weldpath::files::{File, reading};
 use weldpath::input;
 use weldpath::output::verdict::{Reason, ReasonId, State};
-use weldpath::pipeline::{self, Method};
+use weldpath::pipeline::{self, Method, Observer};
 use weldpath::report;
 use weldpath::robot::dialect::Dialect;
 use weldpath::robot::dialect::moves::TooLong;

@@ -15,7 +15,7 @@ use weldpath_job::run::job::ask::{AskSettings, DrawSettings};
 use weldpath_job::run::job::exclude::{ExcludeSettings, HalfSpaceSettings};
 use weldpath_job::run::job::quantity::{Place, Region, WithinMm};
 use weldpath_job::run::job::{Job, SeamSettings, Selection, Sequence};
-use weldpath_job::run::{postprocessing, selection};
+use weldpath_job::run::{access, postprocessing, selection};
 use weldpath_method::pipeline::Plan;
 use weldpath_method::weld::SeamPath;
 
@@ -253,8 +253,10 @@ fn entry<'a>(job: &'a mut Job, plan: &Plan, id: usize) -> Result<&'a mut SeamSet
         Some(at) => at,
         None => {
             let (near_mm, within_mm) = (middle(path), WithinMm::try_from(WITHIN_MM).ok());
-            let by_place = SeamSettings { near_mm, within_mm, ..SeamSettings::default() };
-            let by_id = SeamSettings { id: Some(id), ..SeamSettings::default() };
+            // What an edit names is not welded for that, where the torch does not get.
+            let weld = !access::inside(plan, job).contains(&id);
+            let by_place = SeamSettings { near_mm, within_mm, weld, ..SeamSettings::default() };
+            let by_id = SeamSettings { id: Some(id), weld, ..SeamSettings::default() };
             // Where two seams cross amid both of them, a place names either.
             job.seams.push(if names_it(&by_place) { by_place } else { by_id });
             job.seams.len() - 1

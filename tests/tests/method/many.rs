@@ -1,13 +1,16 @@
 //! A thousand seams: nothing grows without bound, nothing is silent, and whoever gives up does not wait.
 
 use std::fs;
+use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
+use std::process::Stdio;
 use std::time::{Duration, Instant};
 
 use weldpath::pipeline::{Observer, PlanError};
 use weldpath::run::job::Job;
 use weldpath::run::planning;
 use weldpath::run::postprocessing::{self, postprocess_observed};
+use weldpath_tests::command::weldpath;
 
 /// Edge of a post, the way from one to the next, and its height, mm.
 const POST_MM: [f32; 3] = [30.0, 60.0, 40.0];
@@ -96,4 +99,40 @@ fn whoever_gives_up_a_thousand_seams_does_not_wait_for_a_stage() {
         worst = worst.max((late, after));
     }
     assert!(worst.0 < AT_ONCE, "{worst:?} of {whole:?}");
+}
+
+/// CPU time of a command that ends well, what it said on standard error, and when.
+fn run(posts: &Path, more: &[&str]) -> (Duration, Vec<(Duration, String)>) {
+    let out = posts.with_file_name("out");
+    let mut command = weldpath();
+    command.arg("plan").arg(posts).args(["--no-report", "--no-cache", "--out"]).arg(out).args(more);
+    let begun = Instant::now();
+    let mut child = command.stdout(Stdio::null()).spawn().unwrap();
+    let lines = BufReader::new(child.stderr.take().unwrap()).lines();
+    let said: Vec<_> = lines.map(|line| (begun.elapsed(), line.unwrap())).collect();
+    // Nobody has waited for it yet: what it used can still be read.
+    let stat = fs::read_to_string(format!("/proc/{}/stat", child.id())).unwrap();
+    assert!(child.wait().unwrap().success(), "{said:?}");
+    let fields: Vec<&str> = stat.rsplit_once(')').unwrap().1.split_whitespace().collect();
+    // utime and stime are the 14th and 15th of all, in ticks of 10 ms.
+    let ticks: u64 = fields[11..13].iter().map(|ticks| ticks.parse::<u64>().unwrap()).sum();
+    (Duration::from_millis(10 * ticks), said)
+}
+
+#[test]
+fn a_thousand_seams_are_ordered_in_ten_seconds_and_the_command_is_never_silent() {
+    let home = tempfile::tempdir().unwrap();
+    let posts = posts(25, 10, home.path());
+    let (whole, said) = run(&posts, &[]);
+    let (rest, _) = run(&posts, &["--sequence", "found"]);
+    println!("{whole:?} of CPU, without an order {rest:?}; {said:?}");
+    assert!(whole.saturating_sub(rest) < Duration::from_secs(10), "{whole:?} {rest:?}");
+    let still = |stage: &str| said.iter().filter(|(_, line)| line.starts_with(stage)).collect::<Vec<_>>();
+    let order = still("order: ");
+    assert!(!order.is_empty(), "{said:?}");
+    assert!(order.windows(2).all(|w| w[1].0 - w[0].0 < Duration::from_millis(2500)), "{said:?}");
+    assert!(
+        said.iter().any(|(_, line)| line.contains("many-seams") && line.contains("1000 seams")),
+        "{said:?}"
+    );
 }

@@ -108,6 +108,8 @@ reasons! {
     CadOrScan => "cad-or-scan", Check;
     /// Nothing tells which side of the faces is air; the one seen from above is taken.
     SideAssumed => "side-assumed", Check;
+    /// A seam to which the torch does not get; it is not welded.
+    LeftOut => "left-out", Check;
     /// More seams are welded than a part has.
     ManySeams => "many-seams", Check;
     /// The tool is not stated, so that the controller's own setting holds.

@@ -141,6 +141,8 @@ fn output(plan: &Plan, job: &Job, source: Source, stages: &mut Stages) -> Result
     let mut found = source.findings.clone();
     found.extend(verdict::of_plan(plan, job));
     found.extend(verdict::many_seams(&lines));
+    let wanted = wanted(plan, job)?;
+    found.extend(verdict::left_inside(&wanted, &lines, &verdict::inside_unnamed(plan, job)));
     found.extend(verdict::tips_inside(&paths, &plan.model));
     let verdict = || verdict_on(&program.waypoints, plan.surface(), job, feasibility.as_ref(), found);
     let verdict = stages.stage("torch", verdict);
@@ -182,11 +184,26 @@ pub fn program_files(
     Ok(files)
 }
 
-/// The seams that the job chooses and does not switch off, whatever the verdict says of them.
+/// The seams that the job chooses and does not switch off, whatever the verdict says of them; of those to which its torch does
+/// not get, only what it names.
 ///
 /// # Errors
 /// If that is none, or the job names a seam that there is not.
 pub fn chosen(plan: &Plan, job: &Job) -> Result<Vec<SeamPath>, selection::Error> {
+    let mut paths = wanted(plan, job)?;
+    let inside = verdict::inside_unnamed(plan, job);
+    // Where there is nothing else, its collisions say what is wrong.
+    if paths.iter().any(|path| !inside.contains(&path.seam)) {
+        paths.retain(|path| !inside.contains(&path.seam));
+    }
+    Ok(paths)
+}
+
+/// The seams that the job chooses and does not switch off, wherever its torch gets.
+///
+/// # Errors
+/// If that is none, or the job names a seam that there is not.
+pub(crate) fn wanted(plan: &Plan, job: &Job) -> Result<Vec<SeamPath>, selection::Error> {
     let mut paths = select(&plan.paths, &job.selection)?;
     for own in job.seams.iter().filter(|own| !own.weld) {
         let off = selection::named(&plan.paths, own)?;

@@ -13,7 +13,9 @@ use crate::robot::dialect::Dialect;
 use crate::robot::feasibility::Report;
 use crate::robot::feasibility::problem::{Problem, ProblemKind};
 use crate::robot::posture::Maker;
+use crate::run::access;
 use crate::run::job::Job;
+use crate::run::selection;
 use weldpath_method::geometry::cloud::PointCloud;
 use weldpath_method::geometry::grid::Grid;
 use weldpath_method::geometry::statistics::median;
@@ -156,6 +158,37 @@ pub(crate) fn many_seams(welded: &[SeamPath]) -> Option<Finding> {
         welded.len()
     );
     (welded.len() > MANY).then(|| Finding::new(ReasonId::ManySeams, words))
+}
+
+/// Seams to which the torch does not get, and which the job does not name.
+pub(crate) fn inside_unnamed(plan: &Plan, job: &Job) -> BTreeSet<usize> {
+    let own = job.seams.iter().filter(|own| own.weld);
+    let named: BTreeSet<usize> = own
+        .filter_map(|own| selection::named(&plan.paths, own).ok().flatten())
+        .chain(job.selection.seams.iter().copied())
+        .collect();
+    let is_asked = |id: &usize| named.contains(id) || job.selection.near_mm.is_some();
+    access::inside(plan, job).iter().copied().filter(|id| !is_asked(id)).collect()
+}
+
+/// Of what is wanted, what would be welded if the torch got there.
+pub(crate) fn left_inside(
+    wanted: &[SeamPath],
+    welded: &[SeamPath],
+    inside: &BTreeSet<usize>,
+) -> Vec<Finding> {
+    let is_left = |path: &&SeamPath| {
+        inside.contains(&path.seam) && welded.iter().all(|welded| welded.seam != path.seam)
+    };
+    let finding = |path: &SeamPath| {
+        let words = format!(
+            "{:.0} mm, inside: the torch fits there at no work angle. It is not welded; --seam {} or a [[seam]] welds it all the same",
+            path.length_mm(),
+            path.seam
+        );
+        Finding::of_seam(ReasonId::LeftOut, path.seam, words)
+    };
+    wanted.iter().filter(is_left).map(finding).collect()
 }
 
 /// Seams that are found but not welded: over the limit, or perhaps contacts with what holds the work, and not accepted.

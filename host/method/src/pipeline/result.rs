@@ -12,7 +12,8 @@ use crate::seam::score::edges;
 use crate::weld::SeamPath;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
-use std::sync::OnceLock;
+use std::collections::{BTreeSet, HashMap};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 /// What [`plan`](super::plan) found, what it derived on the way, and what the user should be told.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
@@ -34,9 +35,35 @@ pub struct Plan {
     /// See [`Plan::surface`].
     #[serde(skip)]
     pub surface: OnceLock<Surface>,
+    /// See [`Plan::remembered`].
+    #[serde(skip)]
+    pub remembered: Remembered,
+}
+
+/// Sets of seams, by what decided them.
+#[derive(Debug, Default)]
+pub struct Remembered(Mutex<HashMap<String, Arc<BTreeSet<usize>>>>);
+
+impl Clone for Remembered {
+    /// Empty: a copy is made to be changed.
+    fn clone(&self) -> Self {
+        Self::default()
+    }
 }
 
 impl Plan {
+    /// Ids of seams that are found once for all who ask with the same key.
+    pub fn remembered(&self, key: String, find: impl FnOnce() -> BTreeSet<usize>) -> Arc<BTreeSet<usize>> {
+        let sets = || self.remembered.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let known = sets().get(&key).cloned();
+        known.unwrap_or_else(|| {
+            // Found without the lock: it may take long, and be given up.
+            let found = Arc::new(find());
+            sets().insert(key, Arc::clone(&found));
+            found
+        })
+    }
+
     /// The model without points that stand alone; found when it is first asked for.
     pub fn surface(&self) -> &Surface {
         self.surface.get_or_init(|| Surface::of(&self.model))

@@ -118,7 +118,7 @@ impl AirWays {
 /// To more ends than this, the nearest ones, no shorter way is sought from one end: it counts as over the safe level.
 const MOST_SOUGHT: usize = 40;
 /// Nor more ways than this in all: some seconds.
-const MOST_WAYS: usize = 12_000;
+const MOST_WAYS: usize = 6_000;
 /// Of more seams no order is sought: the ways between all ends would take gigabytes.
 pub const MOST_ORDERED: usize = 2_000;
 
@@ -203,8 +203,8 @@ const GAIN_MM: f64 = 1e-6;
 const MOST_STARTS: usize = 40;
 /// Most seams that are moved together.
 const MOST_MOVED: usize = 3;
-/// Steps that are tried in all: two seconds. A hundred seams need fewer for all their starts.
-const MOST_TRIES: usize = 60_000_000;
+/// Steps that are tried in all: a second or two. A hundred seams need fewer for all their starts.
+const MOST_TRIES: usize = 40_000_000;
 
 /// How many steps may still be tried.
 struct Tries {

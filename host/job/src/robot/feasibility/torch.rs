@@ -68,7 +68,7 @@ struct Section {
 
 impl Torch {
     /// Distance between the torch and the scanned points, mm; negative inside. None if nothing is within [`SIGHT_MM`].
-    pub(super) fn clearance_mm(
+    pub(crate) fn clearance_mm(
         &self,
         work: &Surface,
         tip_mm: &Point3<f64>,
