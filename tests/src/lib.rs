@@ -20,6 +20,7 @@ pub mod page;
 pub mod qemu;
 pub mod scans;
 pub mod simulated;
+pub mod solids;
 pub mod world;
 
 use std::path::{Path, PathBuf};

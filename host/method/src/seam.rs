@@ -71,6 +71,14 @@ impl Joint {
             Self::Branch => "branch",
         }
     }
+
+    /// Whether the weld fills a groove between its faces, rather than a corner.
+    pub const fn fills_groove(self) -> bool {
+        match self {
+            Self::ButtV => true,
+            Self::Fillet | Self::Lap | Self::Corner | Self::Pipe | Self::Saddle | Self::Branch => false,
+        }
+    }
 }
 
 /// One place on a seam.

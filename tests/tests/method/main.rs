@@ -16,6 +16,7 @@ mod feasibility;
 mod few_views;
 mod fit_up;
 mod fixtures;
+mod inside;
 mod instructions;
 mod kept;
 mod many;

@@ -316,7 +316,7 @@ fn seam_summary(seam: &Seam, lines: &[SeamPath], paths: &[SeamPath], up: UnitVec
         points: passes().map(welded).sum(),
         passes: passes().count(),
         order: order.map(|k| k + 1),
-        positions: positions(line, up, seam.joint == Joint::ButtV),
+        positions: positions(line, up, seam.joint.fills_groove()),
         confidence: finite(seam.confidence),
         expected_error_mm: finite(seam.tip_error_mm()),
         expected_error_deg: finite(seam.tip_error_deg()),

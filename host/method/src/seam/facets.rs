@@ -38,7 +38,8 @@ pub fn find(mesh: &Mesh, base_from_mesh: &Isometry3<f64>) -> Found {
             corner::pieces(mesh, meeting)
         })
         .collect();
-    let strands = strand::strands(strand::once(pieces));
+    let mut strands = strand::strands(strand::once(pieces));
+    strands.retain(strand::Strand::is_seen);
     let (long, short): (Vec<_>, Vec<_>) =
         strands.into_iter().partition(|strand| strand.length_mm() >= SHORTEST_MM);
     let mut seams: Vec<Seam> = long

@@ -15,6 +15,8 @@ pub(super) struct Piece {
     pub normals: [Vector3<f64>; 2],
     /// How far the torch can be seen off along the bisector, mm; none if nothing is in the way.
     pub blocked_mm: Option<f64>,
+    /// Share of it whose air is seen from outside.
+    pub seen: f64,
 }
 
 impl Piece {
@@ -92,16 +94,31 @@ impl<'a> Wedge<'a> {
         self.meeting.line.origin + self.meeting.line.along * t_mm
     }
 
-    /// Whether both faces are there and the air between them is seen from outside.
+    /// Whether both faces are there, with air between them.
     fn holds(&self, t_mm: f64) -> bool {
         let p = self.at(t_mm);
         if !(0..2).all(|k| self.is_there(k, &p)) {
             return false;
         }
-        let [a, b] = self.into.map(|into| p + into * CHORD_MM);
+        let [a, b] = self.chord(t_mm);
         let [from, to] = CHORD_SHARE;
         self.mesh.tree.is_free(&(a + (b - a) * from), &(b - a), to - from)
-            && is_seen(self.mesh, &nalgebra::center(&a, &b))
+    }
+
+    /// Across the corner, from face to face.
+    fn chord(&self, t_mm: f64) -> [Point3<f64>; 2] {
+        let p = self.at(t_mm);
+        self.into.map(|into| p + into * CHORD_MM)
+    }
+
+    /// Share of a stretch whose air is seen from outside.
+    fn seen(&self, [from, to]: [f64; 2]) -> f64 {
+        let places = ((to - from) / STEP_MM).ceil().clamp(PLACES[0] as f64, PLACES[1] as f64) as usize;
+        let is_seen = |k: &usize| {
+            let [a, b] = self.chord(from + (to - from) * (*k as f64 + 0.5) / places as f64);
+            is_seen(self.mesh, &nalgebra::center(&a, &b))
+        };
+        (0..places).filter(is_seen).count() as f64 / places as f64
     }
 
     /// Whether face `k` itself begins within the gap beside a place of the line, and it or what it goes over into is there
@@ -156,7 +173,7 @@ impl<'a> Wedge<'a> {
             }
         }
         runs.extend(begin.map(|b| [b, to]));
-        runs.retain(|[from, to]| to - from > LEAST_MM);
+        runs.retain(|run| run[1] - run[0] > LEAST_MM);
         runs
     }
 
@@ -178,6 +195,7 @@ impl<'a> Wedge<'a> {
             along: self.meeting.line.along,
             normals: self.normals,
             blocked_mm: self.mesh.tree.first_hit(&middle, &bisector),
+            seen: self.seen([from, to]),
         }
     }
 }

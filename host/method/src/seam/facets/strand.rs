@@ -15,8 +15,17 @@ impl Strand {
     pub(super) fn length_mm(&self) -> f64 {
         self.pieces.iter().map(Piece::length_mm).sum()
     }
+
+    /// Whether it is seen from outside: one answer for the whole of it, so that alike corners are as long as each other, however
+    /// few of the rays find the mouth of a bore. Whether a torch gets in is another question.
+    pub(super) fn is_seen(&self) -> bool {
+        let seen_mm: f64 = self.pieces.iter().map(|piece| piece.seen * piece.length_mm()).sum();
+        seen_mm >= LEAST_SEEN * self.length_mm()
+    }
 }
 
+/// Share of a corner that must be seen: at one place rays leave a closed body through a fault of its mesh, too.
+const LEAST_SEEN: f64 = 0.1;
 /// Pieces side by side nearer than this, with the same faces, are one corner drawn twice, mm: bodies that touch with a gap.
 const BESIDE_MM: f64 = 0.6;
 /// Ends nearer than this go on into each other, mm; in a straight line farther ones, past a crack between plates.
