@@ -10,6 +10,7 @@ use rayon::prelude::*;
 use crate::robot::feasibility::torch::Torch;
 use crate::run::job::Job;
 use weldpath_method::cancellation::go_on;
+use weldpath_method::model::surface::Surface;
 use weldpath_method::pipeline::Plan;
 use weldpath_method::weld::{PathPoint, SeamPath};
 
@@ -32,23 +33,25 @@ const LEAST_SHARE: f64 = 0.5;
 /// none if it is so with all: then it is the torch that is wrong, and its collisions say so.
 pub fn inside(plan: &Plan, job: &Job) -> Arc<BTreeSet<usize>> {
     let torch = job.torch_body();
+    // Not first asked for on the threads below: one that waits for its own work would take another place, and ask again.
+    let work = plan.surface();
     let deep_mm = FITS_MM + if job.torch_body.is_some() { 0.0 } else { SLIMMER_MM };
     plan.remembered(format!("{torch:?} {deep_mm}"), || {
-        let is_inside = |path: &&SeamPath| share_that_fits(path, plan, &torch, deep_mm) < LEAST_SHARE;
+        let is_inside = |path: &&SeamPath| share_that_fits(path, work, &torch, deep_mm) < LEAST_SHARE;
         let inside: BTreeSet<usize> = plan.paths.par_iter().filter(is_inside).map(|path| path.seam).collect();
         if inside.len() < plan.paths.len() { inside } else { BTreeSet::new() }
     })
 }
 
-fn share_that_fits(path: &SeamPath, plan: &Plan, torch: &Torch, deep_mm: f64) -> f64 {
+fn share_that_fits(path: &SeamPath, work: &Surface, torch: &Torch, deep_mm: f64) -> f64 {
     let places = PLACES.min(path.points.len());
     // In the middle of as many equal stretches, so that the ends count no more than they are long.
     let at = |k: usize| &path.points[(2 * k + 1) * path.points.len() / (2 * places)];
-    let fitting = (0..places).filter(|k| fits(at(*k), plan, torch, deep_mm)).count();
+    let fitting = (0..places).filter(|k| fits(at(*k), work, torch, deep_mm)).count();
     if places == 0 { 1.0 } else { fitting as f64 / places as f64 }
 }
 
-fn fits(point: &PathPoint, plan: &Plan, torch: &Torch, deep_mm: f64) -> bool {
+fn fits(point: &PathPoint, work: &Surface, torch: &Torch, deep_mm: f64) -> bool {
     let about = |axis: Unit<Vector3<f64>>, deg: f64| UnitQuaternion::from_axis_angle(&axis, deg.to_radians());
     let turns = if torch.neck_deg == 0.0 { 1 } else { TURNS };
     TRAVEL_DEG.iter().any(|travel_deg| {
@@ -58,7 +61,7 @@ fn fits(point: &PathPoint, plan: &Plan, torch: &Torch, deep_mm: f64) -> bool {
             (0..turns).any(|turn| {
                 let turn = about(Vector3::z_axis(), 360.0 * turn as f64 / turns as f64);
                 let base_from_torch = point.base_from_torch * leaned * turn;
-                let clearance_mm = torch.clearance_mm(plan.surface(), &point.position_mm, &base_from_torch);
+                let clearance_mm = torch.clearance_mm(work, &point.position_mm, &base_from_torch);
                 clearance_mm.is_none_or(|mm| mm > -deep_mm)
             })
         })

@@ -10,6 +10,7 @@ use crate::robot::dialect::{ProgramSetup, moves};
 use crate::robot::feasibility;
 use crate::robot::feasibility::Report;
 use crate::robot::feasibility::suggestion::Change;
+use crate::run::access;
 use crate::run::job::layer::{Direction, Weld};
 use crate::run::job::resume::ResumeSettings;
 use crate::run::job::robot::RobotSettings;
@@ -114,6 +115,8 @@ impl Stages<'_> {
 
 fn output(plan: &Plan, job: &Job, source: Source, stages: &mut Stages) -> Result<Output, Error> {
     let frame = source.frame;
+    // Found here, where it may be given up, for all that ask for it below.
+    stages.stage("torch", || access::inside(plan, job));
     let left_out = verdict::left_out(plan, job);
     let mut selected = chosen(plan, job)?;
     selected.retain(|path| !left_out.contains(&path.seam));
