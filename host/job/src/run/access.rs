@@ -61,8 +61,7 @@ fn fits(point: &PathPoint, work: &Surface, torch: &Torch, deep_mm: f64) -> bool 
             (0..turns).any(|turn| {
                 let turn = about(Vector3::z_axis(), 360.0 * turn as f64 / turns as f64);
                 let base_from_torch = point.base_from_torch * leaned * turn;
-                let clearance_mm = torch.clearance_mm(work, &point.position_mm, &base_from_torch);
-                clearance_mm.is_none_or(|mm| mm > -deep_mm)
+                torch.fits(work, &point.position_mm, &base_from_torch, deep_mm)
             })
         })
     })

@@ -68,7 +68,7 @@ struct Section {
 
 impl Torch {
     /// Distance between the torch and the scanned points, mm; negative inside. None if nothing is within [`SIGHT_MM`].
-    pub(crate) fn clearance_mm(
+    pub(super) fn clearance_mm(
         &self,
         work: &Surface,
         tip_mm: &Point3<f64>,
@@ -89,6 +89,39 @@ impl Torch {
         }
         let [.., (slot, last)] = nearest;
         (slot != usize::MAX).then_some(last)
+    }
+
+    /// Whether no surface reaches deeper than `deep_mm` into the torch: less than what [`Torch::clearance_mm`] tells, and sooner
+    /// told.
+    pub(crate) fn fits(
+        &self,
+        work: &Surface,
+        tip_mm: &Point3<f64>,
+        base_from_torch: &UnitQuaternion<f64>,
+        deep_mm: f64,
+    ) -> bool {
+        let tip_mm = tip_mm - work.origin_mm.coords;
+        let sections = self.sections(&tip_mm, base_from_torch);
+        let mut inside = HashSet::new();
+        let pieces = sections.iter().filter(|section| section.length_mm > 0.0).flat_map(|section| {
+            let pieces = (section.length_mm / PIECE_MM).ceil().max(1.0);
+            let half_mm = 0.5 * section.length_mm / pieces;
+            (0..pieces as usize).map(move |k| (section, half_mm, half_mm * (2 * k + 1) as f64))
+        });
+        for (section, half_mm, at_mm) in pieces {
+            let middle = section.start_mm + section.along * at_mm;
+            let reach_mm = half_mm.hypot(section.radii_mm[0].max(section.radii_mm[1]));
+            work.grid.within(&middle.cast(), reach_mm as f32, |slot, _| {
+                if inside.len() < WALL_POINTS && section.distance_mm(&work.grid.point(slot).cast()) < -deep_mm
+                {
+                    inside.insert(slot);
+                }
+            });
+            if inside.len() == WALL_POINTS {
+                return false;
+            }
+        }
+        true
     }
 
     /// Balls that cover the torch, from the nozzle on, for the planning of air moves.
@@ -327,6 +360,19 @@ mod tests {
             assert!(found <= depth_mm && found > depth_mm - 6.5, "{ends_mm:?}: {found}");
         }
         assert_eq!(sheet(531.0).inside_mm(&bar(0.0, 500.0), 30.0), None);
+    }
+
+    #[test]
+    fn a_torch_fits_where_its_clearance_says_so() {
+        let work = Surface::of(&corner(30.0));
+        for deg in (-60..=60).step_by(5) {
+            let turn = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), f64::from(deg).to_radians());
+            let clearance_mm = Torch::default().clearance_mm(&work, &Point3::origin(), &turn).unwrap();
+            for deep_mm in [0.5, 3.0, 8.0] {
+                let fits = Torch::default().fits(&work, &Point3::origin(), &turn, deep_mm);
+                assert_eq!(fits, clearance_mm >= -deep_mm, "{deg} {deep_mm} {clearance_mm}");
+            }
+        }
     }
 
     #[test]
