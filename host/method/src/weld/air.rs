@@ -284,12 +284,20 @@ mod tests {
 
     #[test]
     fn a_cavity_with_no_way_out_is_said() {
-        let mut walls = vec![Point3::new(100.0, 100.0, 80.0)];
-        walls.push(Point3::new(100.0, 150.0, 40.0));
+        // Of nine points each: one alone is no wall.
+        let patch = |y: f32, z: f32| (0..9).map(move |k| Point3::new(96.0 + k as f32, y, z));
+        let walls: Vec<_> = patch(100.0, 80.0).chain(patch(150.0, 40.0)).collect();
         let model = plate(&walls);
         let terrain = around(&model, Vector3::y());
         let around = Surroundings::new(&terrain, []);
         assert!(!around.way_out(Point3::new(100.0, 100.0, 40.0), Vector3::y(), 40.0).free);
+        let strays = plate(&[Point3::new(100.0, 100.0, 80.0), Point3::new(100.0, 150.0, 40.0)]);
+        let terrain = Terrain::new(&strays, &pointing(Vector3::y()), 30.0, None);
+        let around = Surroundings::new(&terrain, []);
+        assert!(
+            around.way_out(Point3::new(100.0, 100.0, 40.0), Vector3::y(), 40.0).free,
+            "strays are no wall"
+        );
     }
 
     #[test]

@@ -53,6 +53,9 @@ const LEAST_MM: f64 = 0.02;
 /// between ribs. Fewer leave through the cracks between bodies.
 const LOOKS: [(usize, usize); 2] = [(2, 64), (4, 384)];
 
+/// Rays all round, of which those between the faces tell whether a place is inside a body.
+const SOLID_LOOKS: usize = 64;
+
 /// One of the four wedges between two planes.
 struct Wedge<'a> {
     mesh: &'a Mesh,
@@ -103,12 +106,41 @@ impl<'a> Wedge<'a> {
         let [a, b] = self.chord(t_mm);
         let [from, to] = CHORD_SHARE;
         self.mesh.tree.is_free(&(a + (b - a) * from), &(b - a), to - from)
+            && !self.is_solid(&nalgebra::center(&a, &b))
     }
 
     /// Across the corner, from face to face.
     fn chord(&self, t_mm: f64) -> [Point3<f64>; 2] {
         let p = self.at(t_mm);
         self.into.map(|into| p + into * CHORD_MM)
+    }
+
+    /// Whether a place in the wedge is inside a body, as where two faces go on into a wall that stands on both: most of what is
+    /// met first between the faces turns its back.
+    fn is_solid(&self, from: &Point3<f64>) -> bool {
+        let mesh = self.mesh;
+        let meets_a_back = |direction: &Vector3<f64>| {
+            let mut first = (f64::INFINITY, false);
+            mesh.tree.any_hit(from, direction, f64::INFINITY, |hit| {
+                let away = mesh.normals[hit.facet as usize].dot(direction);
+                let is_back = match mesh.sides[hit.facet as usize] {
+                    Side::Front => away > 0.0,
+                    Side::Back => away < 0.0,
+                    Side::Both => false,
+                };
+                if hit.t < first.0 {
+                    first = (hit.t, is_back);
+                }
+                false
+            });
+            first.1
+        };
+        let between =
+            |direction: &Vector3<f64>| self.normals.iter().all(|normal| normal.dot(direction) > 0.0);
+        let (backs, looks) = directions(SOLID_LOOKS)
+            .filter(between)
+            .fold((0, 0), |(backs, looks), d| (backs + usize::from(meets_a_back(&d)), looks + 1));
+        2 * backs > looks
     }
 
     /// Share of a stretch whose air is seen from outside.
