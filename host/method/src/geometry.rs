@@ -8,4 +8,5 @@ pub mod plane;
 pub mod point_to_plane;
 pub mod polyline;
 pub mod statistics;
+pub mod surface;
 pub mod table;

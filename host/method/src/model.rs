@@ -9,4 +9,3 @@ pub mod downsampling;
 pub mod normals;
 pub mod orientation;
 pub mod reconstruction;
-pub mod surface;

@@ -3,7 +3,7 @@
 
 use nalgebra::{Matrix3, Point3, Rotation3, UnitQuaternion, Vector3};
 use weldpath::geometry::cloud::PointCloud;
-use weldpath::model::surface::Surface;
+use weldpath::geometry::surface::Surface;
 use weldpath::robot::feasibility::torch::Torch;
 use weldpath::weld::air::terrain::Terrain;
 use weldpath::weld::program::{Kind, Motion, Pass, Program, Waypoint, program};

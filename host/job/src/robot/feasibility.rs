@@ -29,7 +29,7 @@ use moves::Station;
 use problem::{Problem, ProblemKind};
 use suggestion::{Rewelded, Suggestion};
 use torch::Torch;
-use weldpath_method::model::surface::Surface;
+use weldpath_method::geometry::surface::Surface;
 use weldpath_method::weld::program::Waypoint;
 
 /// The arm and where it stands.

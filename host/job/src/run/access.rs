@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use crate::robot::feasibility::torch::Torch;
 use crate::run::job::Job;
 use weldpath_method::cancellation::go_on;
-use weldpath_method::model::surface::Surface;
+use weldpath_method::geometry::surface::Surface;
 use weldpath_method::pipeline::Plan;
 use weldpath_method::weld::{PathPoint, SeamPath};
 

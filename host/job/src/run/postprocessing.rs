@@ -21,7 +21,7 @@ use crate::run::selection::select;
 use crate::run::verdict;
 use weldpath_files::File;
 use weldpath_method::cancellation::{Worker, unless_given_up};
-use weldpath_method::model::surface::Surface;
+use weldpath_method::geometry::surface::Surface;
 use weldpath_method::pipeline::{Method, Observer, Plan};
 use weldpath_method::seam::Joint;
 use weldpath_method::weld::SeamPath;

@@ -28,7 +28,7 @@ use crate::robot::posture::PlannedPosture;
 use crate::run::job::Job;
 use crate::run::postprocessing::verdict_on;
 use weldpath_method::geometry::cloud::{Merged, PointCloud, View};
-use weldpath_method::model::surface::Surface;
+use weldpath_method::geometry::surface::Surface;
 use weldpath_method::model::{downsampling, normals, orientation, reconstruction};
 use weldpath_method::weld::program::Waypoint;
 

@@ -2,10 +2,10 @@
 
 use super::{tacks, touch};
 use crate::geometry::cloud::PointCloud;
+use crate::geometry::surface::Surface;
 use crate::model::agreement::{HandEyeError, ViewReport};
 use crate::model::base_frame::{BaseFrame, CameraFinding};
 use crate::model::downsampling::{DISTANCE_VOXELS, HEIGHT_NOISES, RADIUS_VOXELS, Scale};
-use crate::model::surface::Surface;
 use crate::seam::Seam;
 use crate::seam::measure::coverage;
 use crate::seam::score::edges;

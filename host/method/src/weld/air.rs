@@ -223,7 +223,7 @@ pub fn up<'p>(points: impl Iterator<Item = &'p PathPoint>) -> UnitVector3<f64> {
 mod tests {
     use super::*;
     use crate::geometry::cloud::PointCloud;
-    use crate::model::surface::Surface;
+    use crate::geometry::surface::Surface;
     use crate::weld::Process;
     use crate::weld::SeamPath;
     use nalgebra::UnitQuaternion;

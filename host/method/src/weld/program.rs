@@ -226,7 +226,7 @@ mod tests {
     use super::super::SeamPath;
     use super::*;
     use crate::geometry::cloud::PointCloud;
-    use crate::model::surface::Surface;
+    use crate::geometry::surface::Surface;
     use crate::weld::Process;
     use crate::weld::ends::{directions, lead};
     use nalgebra::Vector3;

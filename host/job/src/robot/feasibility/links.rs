@@ -14,7 +14,7 @@ use super::moves::Station;
 use super::torch::{Thinned, Torch};
 use super::{Check, Floor, JointCheck, Oddity, PlacedArm, torch_from_tool};
 use crate::robot::posture::{PlannedPosture, Stance};
-use weldpath_method::model::surface::Surface;
+use weldpath_method::geometry::surface::Surface;
 
 /// The link that carries the cable.
 const FLANGE: usize = 6;

@@ -11,7 +11,7 @@ use super::chain::Capsule;
 use super::links::TORCH;
 use super::torch_from_tool;
 use weldpath_method::geometry::grid::Grid;
-use weldpath_method::model::surface::Surface;
+use weldpath_method::geometry::surface::Surface;
 use weldpath_method::weld::air::terrain::Ball;
 
 /// Sizes of a torch, mm. Its axis is the torch axis `n`; the body behind the neck may be bent away from the travel.

@@ -13,7 +13,7 @@ use nalgebra::{Point3, UnitVector3, Vector3};
 use rayon::prelude::*;
 
 use super::{TorchPlace, up};
-use crate::model::surface::Surface;
+use crate::geometry::surface::Surface;
 use crate::weld::SeamPath;
 use weldpath_core::path::interpolation::position_between;
 use weldpath_core::rotation::Arc;
