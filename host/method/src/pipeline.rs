@@ -16,7 +16,6 @@ pub mod touch;
 
 use self::exclusion::Scene;
 use self::reconstruction::Reconstruction;
-use self::stages::Stages;
 use crate::cancellation::unless_given_up;
 use crate::geometry::cloud::View;
 use crate::geometry::grid::Grid;
@@ -26,7 +25,7 @@ use crate::weld::SeamPath;
 pub use self::config::{Config, MergeConfig, Method, RATIO_THRESHOLD, SearchConfig, Wishes};
 pub use self::merged::MergedViews;
 pub use self::result::{Derivation, Parameter, Plan, PlanError, Remarks};
-pub use self::stages::{Evidence, Observer, Step};
+pub use self::stages::{Evidence, Observer, Stages, Step};
 pub use self::survey::Survey;
 pub use crate::model::agreement::{HandEyeError, Misfit, ViewReport};
 pub use crate::model::base_frame::{

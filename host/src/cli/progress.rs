@@ -55,8 +55,6 @@ impl Progress {
     }
 }
 
-/// Stages of what follows from a search, which kept seams go through, too.
-const AFTERWARDS: [&str; 4] = ["order", "air", "torch", "report"];
 /// No stage is silent for longer.
 const SILENT: Duration = Duration::from_millis(1900);
 
@@ -127,7 +125,7 @@ pub(super) fn bar(quiet: bool, length: u64, template: &str) -> ProgressBar {
 
 impl Observer for Progress {
     fn stage(&mut self, name: &'static str) {
-        self.has_begun |= !AFTERWARDS.contains(&name);
+        self.has_begun = true;
         self.still.iter().for_each(|still| still.stage(name));
         // A finer scale begins some stages again: the bar does not go back.
         let usual = PASSED.iter().find(|(stage, _)| *stage == name).map_or(0, |(_, percent)| *percent);

@@ -20,9 +20,9 @@ use crate::run::selection;
 use crate::run::selection::select;
 use crate::run::verdict;
 use weldpath_files::File;
-use weldpath_method::cancellation::{Worker, unless_given_up};
+use weldpath_method::cancellation::unless_given_up;
 use weldpath_method::geometry::surface::Surface;
-use weldpath_method::pipeline::{Method, Observer, Plan};
+use weldpath_method::pipeline::{Method, Observer, Plan, Stages};
 use weldpath_method::seam::Joint;
 use weldpath_method::weld::SeamPath;
 use weldpath_method::weld::air::terrain::{Ball, Terrain};
@@ -95,22 +95,7 @@ pub fn postprocess_observed(
     source: Source,
     observer: &mut dyn Observer,
 ) -> Result<Output, Error> {
-    unless_given_up(|| output(plan, job, source, &mut Stages { observer, worker: Worker::default() }))
-        .unwrap_or(Err(Error::GivenUp))
-}
-
-/// What may take long, and who watches it.
-struct Stages<'a> {
-    observer: &'a mut dyn Observer,
-    worker: Worker,
-}
-
-impl Stages<'_> {
-    fn stage<T: Send>(&mut self, name: &'static str, work: impl FnOnce() -> T + Send) -> T {
-        self.observer.stage(name);
-        let observer = &*self.observer;
-        self.worker.run(|| observer.is_done(), work)
-    }
+    unless_given_up(|| output(plan, job, source, &mut Stages::new(observer))).unwrap_or(Err(Error::GivenUp))
 }
 
 fn output(plan: &Plan, job: &Job, source: Source, stages: &mut Stages) -> Result<Output, Error> {
@@ -119,6 +104,8 @@ fn output(plan: &Plan, job: &Job, source: Source, stages: &mut Stages) -> Result
     stages.stage("torch", || access::inside(plan, job));
     let left_out = verdict::left_out(plan, job);
     let mut selected = chosen(plan, job)?;
+    let mut inside = wanted(plan, job)?;
+    inside.retain(|path| selected.iter().all(|chosen| chosen.seam != path.seam));
     selected.retain(|path| !left_out.contains(&path.seam));
     let resume = job.resume.as_ref();
     let ordered = stages.stage("order", || ordered(selected, plan, job))?;
@@ -144,8 +131,7 @@ fn output(plan: &Plan, job: &Job, source: Source, stages: &mut Stages) -> Result
     let mut found = source.findings.clone();
     found.extend(verdict::of_plan(plan, job));
     found.extend(verdict::many_seams(&lines));
-    let wanted = wanted(plan, job)?;
-    found.extend(verdict::left_inside(&wanted, &lines, &verdict::inside_unnamed(plan, job)));
+    found.extend(inside.iter().map(verdict::left_inside));
     found.extend(verdict::tips_inside(&paths, &plan.model));
     let verdict = || verdict_on(&program.waypoints, plan.surface(), job, feasibility.as_ref(), found);
     let verdict = stages.stage("torch", verdict);

@@ -171,24 +171,14 @@ pub(crate) fn inside_unnamed(plan: &Plan, job: &Job) -> BTreeSet<usize> {
     access::inside(plan, job).iter().copied().filter(|id| !is_asked(id)).collect()
 }
 
-/// Of what is wanted, what would be welded if the torch got there.
-pub(crate) fn left_inside(
-    wanted: &[SeamPath],
-    welded: &[SeamPath],
-    inside: &BTreeSet<usize>,
-) -> Vec<Finding> {
-    let is_left = |path: &&SeamPath| {
-        inside.contains(&path.seam) && welded.iter().all(|welded| welded.seam != path.seam)
-    };
-    let finding = |path: &SeamPath| {
-        let words = format!(
-            "{:.0} mm, inside: the torch fits there at no work angle. It is not welded; --seam {} or a [[seam]] welds it all the same",
-            path.length_mm(),
-            path.seam
-        );
-        Finding::of_seam(ReasonId::LeftOut, path.seam, words)
-    };
-    wanted.iter().filter(is_left).map(finding).collect()
+/// A seam that would be welded if the torch got there.
+pub(crate) fn left_inside(path: &SeamPath) -> Finding {
+    let words = format!(
+        "{:.0} mm, inside: the torch fits there at no work angle. It is not welded; --seam {} or a [[seam]] welds it all the same",
+        path.length_mm(),
+        path.seam
+    );
+    Finding::of_seam(ReasonId::LeftOut, path.seam, words)
 }
 
 /// Seams that are found but not welded: over the limit, or perhaps contacts with what holds the work, and not accepted.

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 const CELL_MM: f32 = 8.0;
 
-/// The points of a model that are a surface, in cells of some millimetres.
+/// The points of a model that are a surface, in cells.
 #[derive(Debug, Clone)]
 pub struct Surface {
     /// Where the grid's coordinates begin.
@@ -22,10 +22,14 @@ pub struct Surface {
 impl Surface {
     /// That of a model.
     pub fn of(model: &PointCloud) -> Self {
-        let points_mm = surface(&model.points_mm);
+        Self::new(model.origin_mm, &surface(&model.points_mm), CELL_MM)
+    }
+
+    /// Of points relative to an origin, all of which are taken, in cells of this size.
+    pub fn new(origin_mm: Point3<f64>, points_mm: &[Point3<f32>], cell_mm: f32) -> Self {
         let [low, high] = [f32::INFINITY, f32::NEG_INFINITY].map(|v| Point3::from(Vector3::repeat(v)));
         let corners_mm = points_mm.iter().fold([low, high], |[low, high], p| [low.inf(p), high.sup(p)]);
-        Self { origin_mm: model.origin_mm, grid: Grid::new(&points_mm, CELL_MM), corners_mm }
+        Self { origin_mm, grid: Grid::new(points_mm, cell_mm), corners_mm }
     }
 
     /// Whether there is no point.

@@ -67,24 +67,26 @@ impl<T> Clone for Step<T> {
 }
 
 /// The stages that have passed, and who watches them.
-pub(super) struct Stages<'a> {
+pub struct Stages<'a> {
     pub(super) observer: &'a mut dyn Observer,
     pub(super) times: Times,
     worker: Worker,
 }
 
 impl<'a> Stages<'a> {
-    pub(super) fn new(observer: &'a mut dyn Observer) -> Self {
+    /// None has passed.
+    pub fn new(observer: &'a mut dyn Observer) -> Self {
         Self { observer, times: Times::new(), worker: Worker::default() }
     }
 
-    /// Does the work of a stage, and tells the observer before.
-    pub(super) fn stage<T: Send>(&mut self, name: &'static str, work: impl FnOnce() -> T + Send) -> T {
+    /// Does the work of a stage, and tells the observer before. It unwinds if the observer wants no more, as
+    /// [`cancellation`](crate::cancellation) says.
+    pub fn stage<T: Send>(&mut self, name: &'static str, work: impl FnOnce() -> T + Send) -> T {
         self.observer.stage(name);
         self.time(name, work)
     }
 
-    /// Does the work of a part of one. It unwinds if the plan is given up, as [`cancellation`](crate::cancellation) says.
+    /// Does the work of a part of one; it unwinds, too.
     pub(super) fn time<T: Send>(&mut self, stage: &'static str, work: impl FnOnce() -> T + Send) -> T {
         let (begin, observer) = (Instant::now(), &*self.observer);
         let done = self.worker.run(|| observer.is_done(), work);

@@ -183,13 +183,13 @@ fn least(air: &AirWays) -> Vec<Turn> {
 }
 
 fn searched(air: &AirWays) -> Vec<Turn> {
-    let mut tries = Tries { left: MOST_TRIES };
-    let mut best = improved(found(&air.ways), air, &mut tries);
+    let mut tries_left = MOST_TRIES;
+    let mut best = improved(found(&air.ways), air, &mut tries_left);
     for start in 0..air.len().min(MOST_STARTS) {
-        if tries.left == 0 {
+        if tries_left == 0 {
             break;
         }
-        let other = improved(nearest_neighbours(start, air), air, &mut tries);
+        let other = improved(nearest_neighbours(start, air), air, &mut tries_left);
         if air.air_mm(&other) < air.air_mm(&best) - GAIN_MM {
             best = other;
         }
@@ -205,11 +205,6 @@ const MOST_STARTS: usize = 40;
 const MOST_MOVED: usize = 3;
 /// Steps that are tried in all: a second or two. A hundred seams need fewer for all their starts.
 const MOST_TRIES: usize = 40_000_000;
-
-/// How many steps may still be tried.
-struct Tries {
-    left: usize,
-}
 
 fn nearest_neighbours(start: usize, air: &AirWays) -> Vec<Turn> {
     let reverse = air.ways[start] == AllowedDirection::Reverse;
@@ -235,13 +230,13 @@ fn turns(index: usize, air: &AirWays) -> impl Iterator<Item = Turn> + use<> {
 }
 
 /// Takes every step that makes the order shorter, until none does.
-fn improved(order: Vec<Turn>, air: &AirWays, tries: &mut Tries) -> Vec<Turn> {
+fn improved(order: Vec<Turn>, air: &AirWays, tries_left: &mut usize) -> Vec<Turn> {
     let mut chain = Chain::new(order, air);
     loop {
         let before_mm = chain.length_mm();
-        (0..chain.order.len()).for_each(|from| chain.turn_round(from, tries));
-        (0..chain.order.len()).for_each(|from| chain.move_from(from, tries));
-        if chain.length_mm() > before_mm - GAIN_MM || tries.left == 0 {
+        (0..chain.order.len()).for_each(|from| chain.turn_round(from, tries_left));
+        (0..chain.order.len()).for_each(|from| chain.move_from(from, tries_left));
+        if chain.length_mm() > before_mm - GAIN_MM || *tries_left == 0 {
             return chain.order;
         }
     }
@@ -295,10 +290,10 @@ impl<'a> Chain<'a> {
     }
 
     /// Turns round every stretch from here that gains by it.
-    fn turn_round(&mut self, from: usize, tries: &mut Tries) {
+    fn turn_round(&mut self, from: usize, tries_left: &mut usize) {
         go_on();
         for to in from + 1..=self.order.len() {
-            tries.left = tries.left.saturating_sub(1);
+            *tries_left = tries_left.saturating_sub(1);
             let (first, last) = (flipped(self.order[from], self.air), flipped(self.order[to - 1], self.air));
             let (before, after) = (self.before(from), self.order.get(to));
             let now_mm = self.way_mm(before, Some(&self.order[from]))
@@ -314,7 +309,7 @@ impl<'a> Chain<'a> {
     }
 
     /// Moves the one, two or three turns from here to where they gain most, turned round or not.
-    fn move_from(&mut self, from: usize, tries: &mut Tries) {
+    fn move_from(&mut self, from: usize, tries_left: &mut usize) {
         go_on();
         for to in from + 1..=(from + MOST_MOVED).min(self.order.len()) {
             let taken = [false, true].map(|turn| {
@@ -339,7 +334,7 @@ impl<'a> Chain<'a> {
                         - self.way_mm(before, after);
                 (cost_mm, at, turn)
             });
-            tries.left = tries.left.saturating_sub(2 * self.order.len());
+            *tries_left = tries_left.saturating_sub(2 * self.order.len());
             let Some((cost_mm, at, turn)) = costs.min_by(|a, b| a.0.total_cmp(&b.0)) else { continue };
             if cost_mm < saved_mm - GAIN_MM {
                 self.order.drain(from..to);

@@ -10,7 +10,6 @@ use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use super::chain::Capsule;
 use super::links::TORCH;
 use super::torch_from_tool;
-use weldpath_method::geometry::grid::Grid;
 use weldpath_method::geometry::surface::Surface;
 use weldpath_method::weld::air::terrain::Ball;
 
@@ -76,13 +75,9 @@ impl Torch {
     ) -> Option<f64> {
         let tip_mm = tip_mm - work.origin_mm.coords;
         let mut nearest = [(usize::MAX, SIGHT_MM); WALL_POINTS];
-        for section in self.sections(&tip_mm, base_from_torch).iter().filter(|s| s.length_mm > 0.0) {
-            let pieces = (section.length_mm / PIECE_MM).ceil().max(1.0);
-            let half_mm = 0.5 * section.length_mm / pieces;
-            let reach_mm = half_mm.hypot(section.radii_mm[0].max(section.radii_mm[1]) + SIGHT_MM);
-            for k in 0..pieces as usize {
-                let middle = section.start_mm + section.along * (half_mm * (2 * k + 1) as f64);
-                work.grid.within(&middle.cast(), reach_mm as f32, |slot, _| {
+        for section in self.sections(&tip_mm, base_from_torch) {
+            for (middle, reach_mm) in section.pieces(SIGHT_MM) {
+                work.grid.within(&middle, reach_mm, |slot, _| {
                     keep(&mut nearest, slot, section.distance_mm(&work.grid.point(slot).cast()));
                 });
             }
@@ -101,27 +96,18 @@ impl Torch {
         deep_mm: f64,
     ) -> bool {
         let tip_mm = tip_mm - work.origin_mm.coords;
-        let sections = self.sections(&tip_mm, base_from_torch);
         let mut inside = HashSet::new();
-        let pieces = sections.iter().filter(|section| section.length_mm > 0.0).flat_map(|section| {
-            let pieces = (section.length_mm / PIECE_MM).ceil().max(1.0);
-            let half_mm = 0.5 * section.length_mm / pieces;
-            (0..pieces as usize).map(move |k| (section, half_mm, half_mm * (2 * k + 1) as f64))
-        });
-        for (section, half_mm, at_mm) in pieces {
-            let middle = section.start_mm + section.along * at_mm;
-            let reach_mm = half_mm.hypot(section.radii_mm[0].max(section.radii_mm[1]));
-            work.grid.within(&middle.cast(), reach_mm as f32, |slot, _| {
-                if inside.len() < WALL_POINTS && section.distance_mm(&work.grid.point(slot).cast()) < -deep_mm
-                {
-                    inside.insert(slot);
-                }
-            });
-            if inside.len() == WALL_POINTS {
-                return false;
-            }
-        }
-        true
+        self.sections(&tip_mm, base_from_torch).iter().all(|section| {
+            section.pieces(0.0).all(|(middle, reach_mm)| {
+                work.grid.within(&middle, reach_mm, |slot, _| {
+                    let deep = || section.distance_mm(&work.grid.point(slot).cast()) < -deep_mm;
+                    if inside.len() < WALL_POINTS && deep() {
+                        inside.insert(slot);
+                    }
+                });
+                inside.len() < WALL_POINTS
+            })
+        })
     }
 
     /// Balls that cover the torch, from the nozzle on, for the planning of air moves.
@@ -177,6 +163,16 @@ impl Section {
         })
     }
 
+    /// It in pieces: the middle of each, and how far from there anything within `sight_mm` of it can be, mm. None of a section
+    /// without length.
+    fn pieces(&self, sight_mm: f64) -> impl Iterator<Item = (Point3<f32>, f32)> + '_ {
+        let pieces = (self.length_mm / PIECE_MM).ceil();
+        let half_mm = 0.5 * self.length_mm / pieces;
+        let reach_mm = half_mm.hypot(self.radii_mm[0].max(self.radii_mm[1]) + sight_mm);
+        let middle = move |k: usize| self.start_mm + self.along * (half_mm * (2 * k + 1) as f64);
+        (0..pieces as usize).map(move |k| (middle(k).cast(), reach_mm as f32))
+    }
+
     /// Distance of a point from the solid, mm; inside, minus the distance to its side.
     fn distance_mm(&self, point: &Point3<f64>) -> f64 {
         let offset = point - self.start_mm;
@@ -194,12 +190,7 @@ impl Section {
 }
 
 /// One point of a surface in each cell of [`LINK_STEP_MM`], for links, which are thicker than a torch.
-pub(super) struct Thinned {
-    origin_mm: Point3<f64>,
-    grid: Grid,
-    /// Box around them.
-    corners_mm: [Point3<f32>; 2],
-}
+pub(super) struct Thinned(Surface);
 
 /// Links are held against points so far apart, mm: a tenth of their least diameter.
 const LINK_STEP_MM: f32 = 6.0;
@@ -211,26 +202,24 @@ impl Thinned {
         let cell = |p: &Point3<f32>| [p.x, p.y, p.z].map(|v| (v / LINK_STEP_MM).floor() as i32);
         let points = (0..grid.len()).map(|slot| grid.point(slot));
         let points: Vec<Point3<f32>> = points.filter(|point| taken.insert(cell(point))).collect();
-        let [low, high] = [f32::INFINITY, f32::NEG_INFINITY].map(|v| Point3::from(Vector3::repeat(v)));
-        let corners_mm = points.iter().fold([low, high], |[low, high], p| [low.inf(p), high.sup(p)]);
-        Self { origin_mm: *origin_mm, grid: Grid::new(&points, LINK_CELL_MM), corners_mm }
+        Self(Surface::new(*origin_mm, &points, LINK_CELL_MM))
     }
 
     /// Height of the lowest scanned surface, mm; none of an empty scan.
     pub(super) fn lowest_mm(&self) -> Option<f64> {
-        let lowest_mm = f64::from(self.corners_mm[0].z) + self.origin_mm.z;
+        let lowest_mm = f64::from(self.0.corners_mm[0].z) + self.0.origin_mm.z;
         lowest_mm.is_finite().then_some(lowest_mm)
     }
 
     /// How far scanned points lie inside a capsule, mm; none if they do not.
     pub(super) fn inside_mm(&self, ends_mm: &[Point3<f64>; 2], radius_mm: f64) -> Option<f64> {
-        let [from, to] = ends_mm.map(|end| (end - self.origin_mm.coords).cast::<f32>());
+        let [from, to] = ends_mm.map(|end| (end - self.0.origin_mm.coords).cast::<f32>());
         let (along, radius) = (to - from, radius_mm as f32);
-        let [low, high] = self.corners_mm;
+        let [low, high] = self.0.corners_mm;
         let reach = Vector3::repeat(radius);
         let (near, far) = (from.inf(&to) - reach, from.sup(&to) + reach);
         let apart = (0..3).any(|i| near[i] > high[i] || far[i] < low[i]);
-        if apart || self.grid.is_empty() {
+        if apart || self.0.is_empty() {
             return None;
         }
         let pieces = (along.norm() / (2.0 * radius)).ceil().max(1.0);
@@ -240,8 +229,8 @@ impl Thinned {
         for k in 0..pieces as usize {
             let middle = from + half * (2 * k + 1) as f32;
             // The round ends reach farther than the middle's rim.
-            self.grid.within(&middle, half.norm() + radius, |slot, _| {
-                let offset = self.grid.point(slot) - from;
+            self.0.grid.within(&middle, half.norm() + radius, |slot, _| {
+                let offset = self.0.grid.point(slot) - from;
                 let share = (offset.dot(&along) / squared).clamp(0.0, 1.0);
                 keep(&mut nearest, slot, f64::from((offset - along * share).norm()));
             });
