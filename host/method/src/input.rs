@@ -37,6 +37,7 @@ mod raw;
 mod records;
 mod repeated;
 mod stated;
+mod steps;
 mod stl;
 mod strays;
 mod text;

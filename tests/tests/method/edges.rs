@@ -59,7 +59,7 @@ fn an_image_of_zeros_costs_what_its_bytes_may_and_says_so() {
     std::fs::write(home.path().join("scan.json"), format!("{{\"units\":\"m\",{camera},{eye},{views}}}"))
         .unwrap();
     let error = input::read(home.path(), &Options::default()).unwrap_err().to_string();
-    for part in ["d.png", "64000000 pixels", "ten times the file and 64 MB"] {
+    for part in ["d.png", "64000000 pixels", "ten times the file and 80 MB"] {
         assert!(error.contains(part), "{error}");
     }
 }

@@ -10,7 +10,7 @@ use nalgebra::{Isometry3, Point3};
 use png::{BitDepth, ColorType, Decoder};
 
 use super::camera::{Camera, Distortion, Intrinsics, Rays};
-use super::{CloudFrame, Error, Options, Scan, memory, name_of, records};
+use super::{CloudFrame, Error, Options, Scan, memory, name_of, records, steps};
 use crate::geometry::cloud::View;
 
 /// What the images of a folder without intrinsics are taken for: the PrimeSense default of Open3D.
@@ -25,27 +25,24 @@ pub(super) const PRIMESENSE: Camera = Camera {
     distortion: Distortion { k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0, k3: 0.0, k4: 0.0, k5: 0.0, k6: 0.0 },
 };
 
-/// The largest count: farther than the camera measures, or nothing at all.
-const SATURATED: u16 = u16::MAX;
-
 /// Deflate grows its input by at most this (zlib's technical details).
 const DEFLATE_GROWTH: u64 = 1032;
 
-/// In memory: the count, and the point that it becomes.
-const PIXEL_BYTES: u64 = 2 + 12;
+/// In memory: the count, the depth, and the point that it becomes.
+const PIXEL_BYTES: u64 = 2 + 4 + 12;
 
 /// The points of a depth image, mm, in the camera's frame: x right, y down, z forward.
 pub(super) fn points_mm(bytes: &[u8], rays: &Rays, path: &Path) -> Result<Vec<Point3<f32>>, Error> {
     let camera = &rays.camera;
     let counts = counts(bytes, camera, path)?;
     let (slopes, mm_per_count) = (rays.slopes(), camera.depth_scale_m * 1000.0);
-    let mut points = Vec::with_capacity(counts.len() / 2);
-    for (row, pixels) in counts.chunks_exact(2 * camera.width as usize).enumerate() {
-        for (column, pixel) in pixels.chunks_exact(2).enumerate() {
-            let count = u16::from_be_bytes([pixel[0], pixel[1]]);
+    let mut points = Vec::with_capacity(counts.len());
+    let width = camera.width as usize;
+    for (row, depths) in steps::restored(&counts, width).chunks_exact(width).enumerate() {
+        for (column, &depth) in depths.iter().enumerate() {
             let [x, y] = slopes.at(column, row);
-            if (1..SATURATED).contains(&count) && x.is_finite() {
-                let z = (f64::from(count) * mm_per_count) as f32;
+            if depth > 0.0 && x.is_finite() {
+                let z = (f64::from(depth) * mm_per_count) as f32;
                 points.push(Point3::new(x * z, y * z, z));
             }
         }
@@ -53,8 +50,8 @@ pub(super) fn points_mm(bytes: &[u8], rays: &Rays, path: &Path) -> Result<Vec<Po
     Ok(points)
 }
 
-/// The image as PNG stores it: two bytes a pixel, the high one first.
-fn counts(bytes: &[u8], camera: &Camera, path: &Path) -> Result<Vec<u8>, Error> {
+/// Depths of an image in counts, row by row.
+fn counts(bytes: &[u8], camera: &Camera, path: &Path) -> Result<Vec<u16>, Error> {
     let damaged = |e: png::DecodingError| damaged(&e, path);
     let mut decoder = Decoder::new(Cursor::new(bytes));
     decoder.set_ignore_text_chunk(true);
@@ -87,7 +84,8 @@ fn counts(bytes: &[u8], camera: &Camera, path: &Path) -> Result<Vec<u8>, Error> 
     let mut reader = decoder.read_info().map_err(damaged)?;
     let mut counts = vec![0; 2 * pixels as usize];
     reader.next_frame(&mut counts).map_err(damaged)?;
-    Ok(counts)
+    // PNG stores the high byte first.
+    Ok(counts.chunks_exact(2).map(|pixel| u16::from_be_bytes([pixel[0], pixel[1]])).collect())
 }
 
 /// Columns and rows of an image, from its header.
