@@ -490,10 +490,14 @@ fn view_of(
     let given =
         if camera.is_none() && raw.normals.len() == raw.positions.len() { raw.normals } else { Vec::new() };
     let unit = |n: Vector3<f32>| n.try_normalize(1e-6).unwrap_or_else(Vector3::zeros);
+    let given: Vec<Vector3<f32>> = given.into_iter().map(unit).collect();
+    // Some programs write the columns and leave them empty.
+    let told = given.iter().filter(|n| **n != Vector3::zeros()).count();
+    let given = if 2 * told > given.len() { given } else { Vec::new() };
     View {
         name: name_of(path),
         points_mm: raw.positions.relative_mm(origin, mm_per_unit),
-        normals: given.into_iter().map(unit).collect(),
+        normals: given,
         base_from_camera: translation(origin * mm_per_unit),
         camera_known: camera.is_some(),
         mesh: None,

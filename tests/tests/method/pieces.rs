@@ -1,5 +1,5 @@
 //! Leaning and bevelled plates and round furniture as the simulator makes them: what is found, against the truth. On a seed that
-//! nothing was chosen on; the table is printed with `-- --nocapture`. What does not hold yet stands in README.
+//! nothing was chosen on; the table is printed with `-- --nocapture`. What does not hold yet stands in docs/accuracy.md.
 
 use weldpath::evaluation::Score;
 use weldpath::pipeline::Plan;

@@ -27,8 +27,9 @@ const SUBCOMMANDS: [&str; 14] = [
 ];
 
 /// Pages for users, beside README.md.
-const PAGES: [&str; 9] = [
+const PAGES: [&str; 10] = [
     "../README.md",
+    "accuracy.md",
     "feasibility.md",
     "formats.md",
     "guide.md",

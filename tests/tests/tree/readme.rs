@@ -29,3 +29,27 @@ fn every_command_of_the_readme_ends_well() {
         }
     }
 }
+
+/// The line of the section on installing.
+const INSTALL: &str = "    cargo install --locked --path host";
+
+#[test]
+#[cfg_attr(debug_assertions, ignore = "it builds the release")]
+fn what_the_readme_installs_runs() {
+    assert!(read("README.md").lines().any(|line| line == INSTALL), "`{INSTALL}` is not in the README");
+    let home = tempfile::tempdir().unwrap();
+    let mut install = Command::new("sh");
+    install.args(["-c", INSTALL]).current_dir(root()).env("CARGO_INSTALL_ROOT", home.path());
+    ends_well(&mut install);
+    let said = ends_well(Command::new(home.path().join("bin/weldpath")).arg("--version"));
+    assert!(said.starts_with("weldpath "), "{said}");
+}
+
+/// One screen, then one more.
+const MOST_WORDS: usize = 900;
+
+#[test]
+fn the_readme_is_short() {
+    let words = read("README.md").split_whitespace().count();
+    assert!(words <= MOST_WORDS, "{words} words");
+}
