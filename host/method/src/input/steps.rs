@@ -2,28 +2,36 @@
 //!
 //! Rounding lays the points of a face on sheets across the line of sight. The error is alike along a line of equal depth, so
 //! it does not average out along a seam that runs that way: 1 mm steps turn a face by degrees. What was rounded is known,
-//! though: the depth was nearer to this step than to the next. Within that, a pixel is put on the plane through the pixels
-//! about it (over a picture the inverse depth of a plane is linear), of nine windows beside it the one that a plane fits
-//! best, so that none is laid across an edge (Nagao, Matsuyama, "Edge preserving smoothing", 1979).
+//! though: the depth was nearer to this step than to the next. Within that, a pixel is put on the plane through a window
+//! that holds it (over a picture the inverse depth of a plane is linear): the largest that misses no more than rounding and
+//! noise explain, since a face that is seen squarely has steps many pixels wide. Where no window does, at edges, it is the
+//! smallest one beside the pixel that fits best (Nagao, Matsuyama, "Edge preserving smoothing", 1979). Then an error of rounding is
+//! added again, drawn for each pixel by itself: as large as it was, so that what follows sees the noise that there is, but it averages out.
 
 use std::ops::Range;
 
 use rayon::prelude::*;
 
-use crate::geometry::statistics::median;
+use crate::geometry::statistics::{lower_quartile, median};
 
-/// Pixels from the middle of a window to its side: over nine rows the steps of a slanted face average out, and a face that
-/// fills no such window is too small to be put right.
-const HALF: usize = 4;
+/// Pixels from the middle of a window to its side, the largest first. Over the nine rows of the smallest the steps of a slanted
+/// face average out, and a face that fills none of these is too small to be put right.
+const HALVES: [usize; 4] = [32, 16, 8, 4];
+/// Windows overlap: one begins after this part of their half.
+const APART: usize = 2;
+/// The windows of these tell the noise: large enough that noise which is alike over some pixels shows in them, and small
+/// enough that a quarter of them lie on one face.
+const NOISE_HALF: usize = 8;
 /// Share of a window that has to hold depths.
 const LEAST_SHARE: f64 = 0.6;
-/// How many times better, in variance, a window beside the pixel has to fit than the one about it: half of windows that are as
-/// good fit better by chance, by less than this.
-const BETTER: f32 = 1.3;
+/// Variance of rounding, in steps squared.
+const ROUNDING: f32 = 1.0 / 12.0;
+/// So many times the variance that rounding and noise explain a window may miss: that of the smallest ones scatters by as much.
+const EXPLAINED: f32 = 1.15;
 /// Steps of depth on either side among which the usual one is found: not every depth occurs.
 const BESIDE: usize = 4;
-/// Noise of this second difference, steps: rounding alone makes up to 1. Where more than half are no larger, rounding is a fifth
-/// of the variance or more.
+/// Noise of the second difference of neighbours, steps: rounding alone makes up to 1. Where more than half are no larger,
+/// rounding is a fifth of the variance or more.
 const COARSE_STEPS: f32 = 1.5;
 /// A determinant of a window's spread below this, in pixels to the fourth, is of a line.
 const LEAST_SPREAD: f64 = 1e-6;
@@ -31,29 +39,46 @@ const LEAST_SPREAD: f64 = 1e-6;
 /// Marks of no reading are 0 and this.
 const SATURATED: u16 = u16::MAX;
 
-/// Rows that are put right together: the planes of a few more are found for each such block.
-const BLOCK_ROWS: usize = 32;
-
 /// Depths of an image in counts, row by row, between their steps where these are coarse, else as they are; 0 where there is
 /// no reading.
 pub(super) fn restored(counts: &[u16], width: usize) -> Vec<f32> {
     let depth = |count: u16| if count == SATURATED { 0.0 } else { f32::from(count) };
+    let image = Image { counts, width, height: counts.len() / width.max(1) };
     match Steps::of(counts).filter(|steps| steps.are_coarse(counts, width)) {
         None => counts.iter().map(|&count| depth(count)).collect(),
         Some(steps) => {
-            let image = Image { counts, width, height: counts.len() / width, steps };
-            let blocks = (0..image.height).into_par_iter().step_by(BLOCK_ROWS);
-            blocks.flat_map_iter(|row| image.block(row..(row + BLOCK_ROWS).min(image.height))).collect()
+            let windows = HALVES.map(|half| image.windows(half));
+            let noise = windows.iter().find(|windows| windows.half == NOISE_HALF).map_or(0.0, Windows::noise);
+            let row = |row: usize| {
+                let (windows, steps) = (&windows, &steps);
+                (0..width).map(move |column| {
+                    let Some(depth) = image.depth(row * width + column) else { return 0.0 };
+                    let step = steps.about(depth as u16);
+                    let most = EXPLAINED * noise.max(ROUNDING * step * step);
+                    let on_plane = windows.iter().find_map(|windows| windows.at(row, column, most));
+                    let within = |on: f32| on.clamp(depth - 0.5 * step, depth + 0.5 * step);
+                    on_plane.map_or(depth, |on| within(on) + step * drawn(row * width + column))
+                })
+            };
+            (0..image.height).into_par_iter().flat_map_iter(row).collect()
         }
     }
 }
 
-/// A depth image whose steps are coarse.
+/// A number from -0.5 to 0.5 that follows from the pixel alone (splitmix64).
+fn drawn(pixel: usize) -> f32 {
+    let mut mixed = (pixel as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+    mixed = (mixed ^ (mixed >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+    ((mixed ^ (mixed >> 31)) >> 40) as f32 / (1u32 << 24) as f32 - 0.5
+}
+
+/// A depth image.
+#[derive(Clone, Copy)]
 struct Image<'a> {
     counts: &'a [u16],
     width: usize,
     height: usize,
-    steps: Steps,
 }
 
 impl Image<'_> {
@@ -61,61 +86,72 @@ impl Image<'_> {
         (1..SATURATED).contains(&self.counts[at]).then(|| f32::from(self.counts[at]))
     }
 
-    /// Some rows, put right.
-    fn block(&self, rows: Range<usize>) -> Vec<f32> {
-        let around = rows.start.saturating_sub(HALF)..(rows.end + HALF).min(self.height);
-        let fits: Vec<Fit> = around.clone().flat_map(|row| self.fits(row)).collect();
-        let fit = |row: usize, column: usize, [down, right]: [isize; 2]| {
-            let row = row.checked_add_signed(down).filter(|row| around.contains(row))?;
-            let column = column.checked_add_signed(right).filter(|column| *column < self.width)?;
-            Some(&fits[(row - around.start) * self.width + column])
-        };
-        let pixel = |row: usize, column: usize| {
-            let Some(depth) = self.depth(row * self.width + column) else { return 0.0 };
-            let (mut least, mut inverse) = (f32::INFINITY, 0.0);
-            for beside in BESIDES {
-                let Some(fit) = fit(row, column, beside) else { continue };
-                let miss = fit.variance * if beside == [0, 0] { 1.0 } else { BETTER };
-                if miss < least {
-                    (least, inverse) = (miss, fit.at(beside.map(|far| -far as f32)));
-                }
-            }
-            let half = 0.5 * self.steps.about(depth as u16);
-            if inverse > 0.0 { (1.0 / inverse).clamp(depth - half, depth + half) } else { depth }
-        };
-        rows.flat_map(|row| (0..self.width).map(move |column| (row, column)))
-            .map(|(row, column)| pixel(row, column))
-            .collect()
+    /// Windows of one size, half as many pixels apart as they reach from their middle.
+    fn windows(&self, half: usize) -> Windows {
+        let apart = half / APART;
+        let [rows, columns] = [self.height, self.width].map(|size| size.div_ceil(apart) + 1);
+        let fits = (0..rows * columns).into_par_iter();
+        let fits = fits.map(|at| self.fit(apart * (at / columns), apart * (at % columns), half)).collect();
+        Windows { half, apart, columns, fits }
     }
 
-    /// The planes through the windows about the pixels of a row.
-    fn fits(&self, row: usize) -> impl Iterator<Item = Fit> + use<> {
-        let width = self.width;
-        let mut columns = vec![Sums::default(); width];
-        for r in row.saturating_sub(HALF)..(row + HALF + 1).min(self.height) {
-            let v = r as f64 - row as f64;
-            for (column, sums) in columns.iter_mut().enumerate() {
-                if let Some(depth) = self.depth(r * width + column) {
-                    sums.add(v, 1.0 / f64::from(depth));
+    /// The plane through the window about a place.
+    fn fit(&self, row: usize, column: usize, half: usize) -> Fit {
+        let about = |middle: usize, size: usize| -> Range<usize> {
+            middle.saturating_sub(half)..(middle + half + 1).min(size)
+        };
+        let mut sums = Sums::default();
+        for r in about(row, self.height) {
+            for c in about(column, self.width) {
+                if let Some(depth) = self.depth(r * self.width + c) {
+                    sums.add(c as f64 - column as f64, r as f64 - row as f64, 1.0 / f64::from(depth));
                 }
             }
         }
-        (0..width).map(move |column| {
-            let mut sums = Sums::default();
-            let from = column.saturating_sub(HALF);
-            for (c, sum) in (from..).zip(&columns[from..(column + HALF + 1).min(width)]) {
-                sums.add_column(sum, c as f64 - column as f64);
-            }
-            sums.fit()
-        })
+        sums.fit(half)
     }
 }
 
-/// Middles of the nine windows of a pixel, the one about it first: rows and columns from it.
-const BESIDES: [[isize; 2]; 9] = {
-    let far = HALF as isize;
-    [[0, 0], [far, 0], [-far, 0], [0, far], [0, -far], [far, far], [-far, far], [far, -far], [-far, -far]]
-};
+/// The planes through windows of one size.
+struct Windows {
+    half: usize,
+    /// Pixels from one to the next.
+    apart: usize,
+    columns: usize,
+    fits: Vec<Fit>,
+}
+
+impl Windows {
+    /// Variance of what a window on one face misses, counts squared.
+    fn noise(&self) -> f32 {
+        let mut misses: Vec<f32> =
+            self.fits.iter().map(|fit| fit.variance).filter(|miss| miss.is_finite()).collect();
+        lower_quartile(&mut misses)
+    }
+
+    /// Depth of a pixel on the plane of the window that fits best of those that hold it, if that misses no more than `most`; of the
+    /// smallest windows whatever it misses.
+    fn at(&self, row: usize, column: usize, most: f32) -> Option<f32> {
+        let middles =
+            |at: usize| at.saturating_sub(self.half).div_ceil(self.apart)..(at + self.half) / self.apart + 1;
+        let mut best: Option<(&Fit, f32, f32)> = None;
+        for r in middles(row) {
+            for c in middles(column) {
+                let Some(fit) = self.fits.get(r * self.columns + c).filter(|_| c < self.columns) else {
+                    continue;
+                };
+                if fit.variance.is_finite() && best.is_none_or(|(least, ..)| fit.variance < least.variance) {
+                    let from = |at: usize, middle: usize| at as f32 - (self.apart * middle) as f32;
+                    best = Some((fit, from(row, r), from(column, c)));
+                }
+            }
+        }
+        let (fit, down, right) = best?;
+        let is_smallest = Some(&self.half) == HALVES.last();
+        let inverse = fit.middle + down * fit.down + right * fit.right;
+        ((is_smallest || fit.variance <= most) && inverse > 0.0).then(|| 1.0 / inverse)
+    }
+}
 
 /// The counts that occur in an image, and how far apart they are.
 struct Steps {
@@ -159,24 +195,18 @@ impl Steps {
     }
 }
 
-/// The plane through the window about a pixel: its inverse depth in the middle, and by how much that grows from row to row
-/// and from column to column.
+/// The plane through a window: its inverse depth in the middle, and by how much that grows from row to row and from column to
+/// column.
 #[derive(Clone, Copy)]
 struct Fit {
     middle: f32,
     down: f32,
     right: f32,
-    /// Of what it misses; infinite where there is no plane.
+    /// Of what it misses, as depth in counts squared; infinite where there is no plane.
     variance: f32,
 }
 
-impl Fit {
-    fn at(&self, [down, right]: [f32; 2]) -> f32 {
-        self.middle + down * self.down + right * self.right
-    }
-}
-
-/// Sums over the pixels of a window: their number, places, inverse depths, and products of these.
+/// Sums over the pixels of a window: their number, places from its middle, inverse depths, and products of these.
 #[derive(Clone, Copy, Default)]
 struct Sums {
     n: f64,
@@ -192,32 +222,22 @@ struct Sums {
 }
 
 impl Sums {
-    /// One more pixel, `v` rows below the middle.
-    fn add(&mut self, v: f64, w: f64) {
+    /// One more pixel, `u` columns to the right of the middle and `v` rows below it, of inverse depth `w`.
+    fn add(&mut self, u: f64, v: f64, w: f64) {
         self.n += 1.0;
+        self.u += u;
         self.v += v;
+        self.uu += u * u;
+        self.uv += u * v;
         self.vv += v * v;
         self.w += w;
+        self.uw += u * w;
         self.vw += v * w;
         self.ww += w * w;
     }
 
-    /// A column of pixels, `u` columns to the right of the middle.
-    fn add_column(&mut self, column: &Self, u: f64) {
-        self.n += column.n;
-        self.u += u * column.n;
-        self.v += column.v;
-        self.uu += u * u * column.n;
-        self.uv += u * column.v;
-        self.vv += column.vv;
-        self.w += column.w;
-        self.uw += u * column.w;
-        self.vw += column.vw;
-        self.ww += column.ww;
-    }
-
-    fn fit(&self) -> Fit {
-        let side = (2 * HALF + 1) as f64;
+    fn fit(&self, half: usize) -> Fit {
+        let side = (2 * half + 1) as f64;
         let none = Fit { middle: 0.0, down: 0.0, right: 0.0, variance: f32::INFINITY };
         if self.n < LEAST_SHARE * side * side {
             return none;
@@ -231,11 +251,13 @@ impl Sums {
             return none;
         }
         let (right, down) = ((uw * vv - vw * uv) / determinant, (vw * uu - uw * uv) / determinant);
+        // A depth is off by its own square times as much as its inverse.
+        let variance = (ww - right * uw - down * vw).max(0.0) / w.powi(4);
         Fit {
             middle: (w - right * u - down * v) as f32,
             down: down as f32,
             right: right as f32,
-            variance: (ww - right * uw - down * vw).max(0.0) as f32,
+            variance: variance as f32,
         }
     }
 }
@@ -244,8 +266,8 @@ impl Sums {
 mod tests {
     use super::*;
 
-    const WIDTH: usize = 80;
-    const HEIGHT: usize = 60;
+    const WIDTH: usize = 160;
+    const HEIGHT: usize = 120;
 
     /// Depths of an image by row and column, rounded to steps of so many counts.
     fn image(step: f64, depth: impl Fn(f64, f64) -> f64) -> (Vec<u16>, Vec<f64>) {
@@ -254,13 +276,20 @@ mod tests {
         (exact.iter().map(|depth| ((depth / step).round() * step) as u16).collect(), exact)
     }
 
-    /// Root mean square of what depths miss, away from the rim.
+    /// Root mean square of what sixteen pixels of a row miss together, away from the rim: rounding is alike along a row.
     fn miss(depths: &[f32], exact: &[f64]) -> f64 {
-        let inner =
-            |at: &usize| (8..HEIGHT - 8).contains(&(at / WIDTH)) && (8..WIDTH - 8).contains(&(at % WIDTH));
-        let misses: Vec<f64> =
-            (0..exact.len()).filter(inner).map(|at| f64::from(depths[at]) - exact[at]).collect();
+        let mean = |row: usize, from: usize| {
+            let misses = (from..from + 16).map(|column| row * WIDTH + column);
+            misses.map(|at| f64::from(depths[at]) - exact[at]).sum::<f64>() / 16.0
+        };
+        let misses: Vec<f64> = (8..HEIGHT - 8)
+            .flat_map(|row| [8, 24, 40, 56, 72, 88, 104, 120, 136].map(|column| mean(row, column)))
+            .collect();
         crate::geometry::statistics::rms(&misses).unwrap()
+    }
+
+    fn rounded(counts: &[u16]) -> Vec<f32> {
+        counts.iter().map(|&count| f32::from(count)).collect()
     }
 
     #[test]
@@ -268,23 +297,30 @@ mod tests {
         for step in [1.0, 10.0] {
             // Inverse depth is linear over the picture.
             let (counts, exact) = image(step, |row, _| 1.0 / (1.0 / (450.0 * step) + row * 3.7e-6 / step));
-            let rounded: Vec<f32> = counts.iter().map(|&count| f32::from(count)).collect();
-            let (before, after) = (miss(&rounded, &exact), miss(&restored(&counts, WIDTH), &exact));
+            let (before, after) = (miss(&rounded(&counts), &exact), miss(&restored(&counts, WIDTH), &exact));
             assert!(before > 0.25 * step && after < 0.12 * step, "{step}: {before} -> {after}");
         }
     }
 
     #[test]
-    fn an_edge_stays_where_it_is_and_no_pixel_leaves_its_step() {
-        let roof = |_: f64, column: f64| 400.0 + 0.83 * (column - 40.0).abs();
+    fn a_face_whose_steps_are_wider_than_a_small_window_is_put_back_too() {
+        let (counts, exact) =
+            image(1.0, |row, column| 1.0 / (1.0 / 450.0 + (row + 0.1 * column) * 1.9e-7 * 3.0));
+        let (before, after) = (miss(&rounded(&counts), &exact), miss(&restored(&counts, WIDTH), &exact));
+        assert!(before > 0.2 && after < 0.1, "{before} -> {after}");
+    }
+
+    #[test]
+    fn an_edge_stays_where_it_is_and_no_pixel_goes_beyond_the_next_step() {
+        let roof = |_: f64, column: f64| 400.0 + 0.83 * (column - 80.0).abs();
         let (counts, exact) = image(1.0, roof);
         let depths = restored(&counts, WIDTH);
-        assert!(depths.iter().zip(&counts).all(|(depth, count)| (depth - f32::from(*count)).abs() <= 0.5));
-        let ridge: Vec<f64> = (10..50)
-            .flat_map(|row| (38..43).map(move |column| row * WIDTH + column))
-            .map(|at| f64::from(depths[at]) - exact[at])
-            .collect();
-        assert!(crate::geometry::statistics::rms(&ridge).unwrap() < 0.3);
+        assert!(depths.iter().zip(&counts).all(|(depth, count)| (depth - f32::from(*count)).abs() <= 1.0));
+        for column in 76..85 {
+            let misses = (8..112).map(|row| row * WIDTH + column).map(|at| f64::from(depths[at]) - exact[at]);
+            let mean = misses.sum::<f64>() / 104.0;
+            assert!(mean.abs() < 0.3, "{column}: {mean}");
+        }
     }
 
     #[test]
@@ -297,7 +333,7 @@ mod tests {
         let as_read: Vec<f32> =
             counts.iter().map(|&c| if c == SATURATED { 0.0 } else { f32::from(c) }).collect();
         assert_eq!(restored(&counts, WIDTH), as_read);
-        for counts in [vec![], vec![0; 80], vec![500; 80], vec![SATURATED; 80]] {
+        for counts in [vec![], vec![0; WIDTH], vec![500; WIDTH], vec![SATURATED; WIDTH]] {
             let expected: Vec<f32> =
                 counts.iter().map(|&c| if c == SATURATED { 0.0 } else { f32::from(c) }).collect();
             assert_eq!(restored(&counts, WIDTH), expected);
