@@ -87,7 +87,7 @@ fn every_option_that_the_pages_name_exists() {
     let known: BTreeSet<&str> = helps
         .iter()
         .flat_map(|help| options(help))
-        .chain(["--release", "--test", "--features", "--no-default-features"])
+        .chain(["--release", "--test", "--features", "--no-default-features", "--locked", "--path"])
         .collect();
     for page in PAGES {
         let page_text = doc(page);
