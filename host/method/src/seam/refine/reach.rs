@@ -15,6 +15,10 @@ const LEAST_LEFT_OUT: usize = 20;
 const STRIP: f32 = 0.077;
 /// How many times wider strips may be made.
 const MOST_WIDENED: usize = 5;
+/// Gaps between strips that hold points from which on they are those between rows, and the share of their second differences that
+/// change sign.
+const LEAST_GAPS: usize = 3;
+const BY_TURNS: f64 = 0.7;
 /// Deviation of a second difference over that of its values, of a median over that of a mean; how much more than that
 /// neighbouring strips may differ; and the part of what counts as off within which they may in any case: three deviations stay
 /// within it.
@@ -150,14 +154,20 @@ fn agrees(points: &[Beside], scale: &Reach, strip: f32) -> bool {
     let is_missing = |h: &Vec<f32>| (h.len() as f32) < (MISSING * usual).max(1.0);
     // What follows the last that holds points is no hole: there the face has ended.
     inner.truncate(inner.iter().rposition(|h| !is_missing(h)).map_or(0, |last| last + 1));
-    if inner.iter().any(is_missing) {
+    // A gap or two are of the work: rows leave one after another.
+    let gaps = inner.windows(2).filter(|pair| is_missing(&pair[1]) && !is_missing(&pair[0])).count();
+    if gaps >= LEAST_GAPS {
         return false;
     }
+    inner.retain(|h| !is_missing(h));
     let heights: Vec<f64> = inner.iter_mut().map(|h| f64::from(median(h))).collect();
-    let mut turns: Vec<f64> = heights.windows(3).map(|h| (h[0] - 2.0 * h[1] + h[2]).abs()).collect();
-    if turns.is_empty() {
+    let turns: Vec<f64> = heights.windows(3).map(|h| h[0] - 2.0 * h[1] + h[2]).collect();
+    // A lip turns one way: rows make strips high and low by turns.
+    let back = turns.windows(2).filter(|pair| pair[0] * pair[1] < 0.0).count();
+    if turns.is_empty() || (back as f64) < BY_TURNS * (turns.len() - 1) as f64 {
         return true;
     }
+    let mut turns: Vec<f64> = turns.iter().map(|turn| turn.abs()).collect();
     let rough_mm = robust_deviation(&mut turns) / TURN_DEVIATION;
     let mut noise = inner
         .iter()
