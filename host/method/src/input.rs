@@ -492,8 +492,8 @@ fn view_of(
     let unit = |n: Vector3<f32>| n.try_normalize(1e-6).unwrap_or_else(Vector3::zeros);
     let given: Vec<Vector3<f32>> = given.into_iter().map(unit).collect();
     // Some programs write the columns and leave them empty.
-    let told = given.iter().filter(|n| **n != Vector3::zeros()).count();
-    let given = if 2 * told > given.len() { given } else { Vec::new() };
+    let filled = given.iter().filter(|n| **n != Vector3::zeros()).count();
+    let given = if 2 * filled > given.len() { given } else { Vec::new() };
     View {
         name: name_of(path),
         points_mm: raw.positions.relative_mm(origin, mm_per_unit),

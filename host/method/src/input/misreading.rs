@@ -104,16 +104,14 @@ pub(super) fn orders(names: &[String], poses: &[Isometry3<f64>]) -> Vec<Reading>
     if let Some(numbers) = numbers.filter(|_| names.len() == count) {
         let by_number = rank(&|a, b| (numbers[a], a) < (numbers[b], b));
         let by_text = rank(&|a, b| (&names[a], a) < (&names[b], b));
-        // Sorted either way they come in the same order: nothing was mixed up.
-        if by_number == by_text {
-            all.retain(|reading| reading.poses != poses);
-            return all;
+        // Where both orders are the same, nothing was mixed up.
+        if by_number != by_text {
+            let pad = "Name the images with as many digits each, such as 002 and 010";
+            let says = "the images are sorted as text (10 before 2) and their poses by number";
+            all.push(of(says, pad, &|k| by_number[k]));
+            let says = "the poses are sorted as text (10 before 2) and the images by number";
+            all.push(of(says, pad, &|k| by_text[k]));
         }
-        let pad = "Name the images with as many digits each, such as 002 and 010";
-        let says = "the images are sorted as text (10 before 2) and their poses by number";
-        all.push(of(says, pad, &|k| by_number[k]));
-        let says = "the poses are sorted as text (10 before 2) and the images by number";
-        all.push(of(says, pad, &|k| by_text[k]));
     }
     // Readings that change nothing.
     all.retain(|reading| reading.poses != poses);

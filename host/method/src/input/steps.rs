@@ -42,10 +42,9 @@ const SATURATED: u16 = u16::MAX;
 /// Depths of an image in counts, row by row, between their steps where these are coarse, else as they are; 0 where there is
 /// no reading.
 pub(super) fn restored(counts: &[u16], width: usize) -> Vec<f32> {
-    let depth = |count: u16| if count == SATURATED { 0.0 } else { f32::from(count) };
     let image = Image { counts, width, height: counts.len() / width.max(1) };
     match Steps::of(counts).filter(|steps| steps.are_coarse(counts, width)) {
-        None => counts.iter().map(|&count| depth(count)).collect(),
+        None => (0..counts.len()).map(|at| image.depth(at).unwrap_or(0.0)).collect(),
         Some(steps) => {
             let windows = HALVES.map(|half| image.windows(half));
             let noise = windows.iter().find(|windows| windows.half == NOISE_HALF).map_or(0.0, Windows::noise);
@@ -153,31 +152,33 @@ impl Windows {
     }
 }
 
-/// The counts that occur in an image, and how far apart they are.
-struct Steps {
-    used: Vec<u16>,
-    /// From each to the next, as usual about there.
-    apart: Vec<f32>,
-}
+/// How far apart the depths of an image are about each count.
+struct Steps(Vec<f32>);
 
 impl Steps {
-    /// None where there are too few to tell.
+    /// None where there are too few depths to tell.
     fn of(counts: &[u16]) -> Option<Self> {
         let mut occurs = vec![false; usize::from(SATURATED) + 1];
         counts.iter().for_each(|&count| occurs[usize::from(count)] = true);
         let used: Vec<u16> = (1..SATURATED).filter(|&count| occurs[usize::from(count)]).collect();
         let gaps: Vec<u16> = used.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        if gaps.len() <= 2 * BESIDE {
+            return None;
+        }
         let usual = |at: usize| {
             let mut near = gaps[at.saturating_sub(BESIDE)..(at + BESIDE + 1).min(gaps.len())].to_vec();
             f32::from(median(&mut near))
         };
-        let apart: Vec<f32> = (0..gaps.len()).map(usual).collect();
-        (apart.len() > 2 * BESIDE).then_some(Self { used, apart })
+        let mut about = vec![0.0; occurs.len()];
+        for (at, &count) in used.iter().enumerate() {
+            about[usize::from(count)] = usual(at.min(gaps.len() - 1));
+        }
+        Some(Self(about))
     }
 
-    /// The step about a count.
+    /// The step about a count that occurs.
     fn about(&self, count: u16) -> f32 {
-        self.apart[self.used.partition_point(|&used| used < count).min(self.apart.len() - 1)]
+        self.0[usize::from(count)]
     }
 
     /// Whether neighbouring pixels differ by little more than rounding makes them.
@@ -330,13 +331,10 @@ mod tests {
         let (mut counts, _) = image(1.0, noisy);
         counts[7] = 0;
         counts[8] = SATURATED;
-        let as_read: Vec<f32> =
-            counts.iter().map(|&c| if c == SATURATED { 0.0 } else { f32::from(c) }).collect();
-        assert_eq!(restored(&counts, WIDTH), as_read);
-        for counts in [vec![], vec![0; WIDTH], vec![500; WIDTH], vec![SATURATED; WIDTH]] {
-            let expected: Vec<f32> =
+        for counts in [counts, vec![], vec![0; WIDTH], vec![500; WIDTH], vec![SATURATED; WIDTH]] {
+            let as_read: Vec<f32> =
                 counts.iter().map(|&c| if c == SATURATED { 0.0 } else { f32::from(c) }).collect();
-            assert_eq!(restored(&counts, WIDTH), expected);
+            assert_eq!(restored(&counts, WIDTH), as_read);
         }
     }
 }
