@@ -618,12 +618,12 @@ fn readings_of_poses(
         };
         let length_mm = misreading::tool(trial, &cameras);
         let says = format!(
-            "the poses are those of a tool's tip, not of the flange: of one that stands straight out they agree at about \
-             {length_mm:.0} mm"
+            "the poses are those of a tool's tip, about {length_mm:.0} mm out along z if it stands straight out, not of the \
+             flange"
         );
         let write = format!(
-            "Rename `base_from_flange` to `base_from_tcp`, and write the TCP of the controller with all its six numbers as \
-             \"flange_from_tcp\"; [0, 0, {}, 0, 0, 0] fits only a tool that stands straight out, for the views tell neither \
+            "Rename `base_from_flange` to `base_from_tcp`, and write the TCP that is set, \"flange_from_tcp\": [0, 0, {}, 0, 0, 0] \
+             or near it for a tool that stands straight out; else all six numbers of the controller, for the views tell neither \
              how far it is aside nor how it is tilted",
             length_mm / of_unit
         );
