@@ -38,7 +38,8 @@ pub(super) fn points_mm(bytes: &[u8], rays: &Rays, path: &Path) -> Result<Vec<Po
     let (slopes, mm_per_count) = (rays.slopes(), camera.depth_scale_m * 1000.0);
     let mut points = Vec::with_capacity(counts.len());
     let width = camera.width as usize;
-    for (row, depths) in steps::restored(&counts, width).chunks_exact(width).enumerate() {
+    let depths = steps::restored(&counts, width, 1.0 / camera.fx);
+    for (row, depths) in depths.chunks_exact(width).enumerate() {
         for (column, &depth) in depths.iter().enumerate() {
             let [x, y] = slopes.at(column, row);
             if depth > 0.0 && x.is_finite() {

@@ -33,6 +33,9 @@ const BESIDE: usize = 4;
 /// Noise of the second difference of neighbours, steps: rounding alone makes up to 1. Where more than half are no larger,
 /// rounding is a fifth of the variance or more.
 const COARSE_STEPS: f32 = 1.5;
+/// Steps up to this share of the width of a pixel are fine: over the nine pixels of the smallest window they turn a face by 1.6
+/// degrees at most.
+const FINE: f64 = 0.25;
 /// A determinant of a window's spread below this, in pixels to the fourth, is of a line.
 const LEAST_SPREAD: f64 = 1e-6;
 
@@ -40,10 +43,10 @@ const LEAST_SPREAD: f64 = 1e-6;
 const SATURATED: u16 = u16::MAX;
 
 /// Depths of an image in counts, row by row, between their steps where these are coarse, else as they are; 0 where there is
-/// no reading.
-pub(super) fn restored(counts: &[u16], width: usize) -> Vec<f32> {
+/// no reading. A pixel is `wide` times as wide as what it sees is deep.
+pub(super) fn restored(counts: &[u16], width: usize, wide: f64) -> Vec<f32> {
     let image = Image { counts, width, height: counts.len() / width.max(1) };
-    match Steps::of(counts).filter(|steps| steps.are_coarse(counts, width)) {
+    match Steps::of(counts).filter(|steps| steps.are_coarse(counts, width, wide)) {
         None => (0..counts.len()).map(|at| image.depth(at).unwrap_or(0.0)).collect(),
         Some(steps) => {
             let windows = HALVES.map(|half| image.windows(half));
@@ -181,15 +184,17 @@ impl Steps {
         self.0[usize::from(count)]
     }
 
-    /// Whether neighbouring pixels differ by little more than rounding makes them.
-    fn are_coarse(&self, counts: &[u16], width: usize) -> bool {
+    /// Whether most steps are coarse beside a pixel, and neighbouring pixels differ by little more than rounding makes them.
+    fn are_coarse(&self, counts: &[u16], width: usize, wide: f64) -> bool {
+        let fine = (FINE * wide) as f32;
         let is_reading = |count: &u16| (1..SATURATED).contains(count);
         let (mut all, mut few) = (0_usize, 0_usize);
         for row in counts.chunks_exact(width) {
             for three in row.windows(3).filter(|three| three.iter().all(is_reading)) {
                 let [a, b, c] = [0, 1, 2].map(|k| f32::from(three[k]));
                 all += 1;
-                few += usize::from((a - 2.0 * b + c).abs() < COARSE_STEPS * self.about(three[1]));
+                let step = self.about(three[1]);
+                few += usize::from(step > fine * b && (a - 2.0 * b + c).abs() < COARSE_STEPS * step);
             }
         }
         2 * few > all
@@ -269,6 +274,7 @@ mod tests {
 
     const WIDTH: usize = 160;
     const HEIGHT: usize = 120;
+    const WIDE: f64 = 1.0 / 600.0;
 
     /// Depths of an image by row and column, rounded to steps of so many counts.
     fn image(step: f64, depth: impl Fn(f64, f64) -> f64) -> (Vec<u16>, Vec<f64>) {
@@ -298,7 +304,8 @@ mod tests {
         for step in [1.0, 10.0] {
             // Inverse depth is linear over the picture.
             let (counts, exact) = image(step, |row, _| 1.0 / (1.0 / (450.0 * step) + row * 3.7e-6 / step));
-            let (before, after) = (miss(&rounded(&counts), &exact), miss(&restored(&counts, WIDTH), &exact));
+            let (before, after) =
+                (miss(&rounded(&counts), &exact), miss(&restored(&counts, WIDTH, WIDE), &exact));
             assert!(before > 0.25 * step && after < 0.12 * step, "{step}: {before} -> {after}");
         }
     }
@@ -307,7 +314,8 @@ mod tests {
     fn a_face_whose_steps_are_wider_than_a_small_window_is_put_back_too() {
         let (counts, exact) =
             image(1.0, |row, column| 1.0 / (1.0 / 450.0 + (row + 0.1 * column) * 1.9e-7 * 3.0));
-        let (before, after) = (miss(&rounded(&counts), &exact), miss(&restored(&counts, WIDTH), &exact));
+        let (before, after) =
+            (miss(&rounded(&counts), &exact), miss(&restored(&counts, WIDTH, WIDE), &exact));
         assert!(before > 0.2 && after < 0.1, "{before} -> {after}");
     }
 
@@ -315,13 +323,19 @@ mod tests {
     fn an_edge_stays_where_it_is_and_no_pixel_goes_beyond_the_next_step() {
         let roof = |_: f64, column: f64| 400.0 + 0.83 * (column - 80.0).abs();
         let (counts, exact) = image(1.0, roof);
-        let depths = restored(&counts, WIDTH);
+        let depths = restored(&counts, WIDTH, WIDE);
         assert!(depths.iter().zip(&counts).all(|(depth, count)| (depth - f32::from(*count)).abs() <= 1.0));
         for column in 76..85 {
             let misses = (8..112).map(|row| row * WIDTH + column).map(|at| f64::from(depths[at]) - exact[at]);
             let mean = misses.sum::<f64>() / 104.0;
             assert!(mean.abs() < 0.3, "{column}: {mean}");
         }
+    }
+
+    #[test]
+    fn steps_much_finer_than_a_pixel_are_left_alone_however_little_noise_there_is() {
+        let (counts, _) = image(1.0, |row, column| 1.0 / (1.0 / 9000.0 + (row + 0.03 * column) * 1.9e-7));
+        assert!(restored(&counts, WIDTH, WIDE) == rounded(&counts));
     }
 
     #[test]
@@ -334,7 +348,7 @@ mod tests {
         for counts in [counts, vec![], vec![0; WIDTH], vec![500; WIDTH], vec![SATURATED; WIDTH]] {
             let as_read: Vec<f32> =
                 counts.iter().map(|&c| if c == SATURATED { 0.0 } else { f32::from(c) }).collect();
-            assert_eq!(restored(&counts, WIDTH), as_read);
+            assert!(restored(&counts, WIDTH, WIDE) == as_read);
         }
     }
 }

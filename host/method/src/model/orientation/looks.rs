@@ -90,18 +90,22 @@ impl Looks {
 }
 
 /// What a look from far away shows of points.
-pub(super) struct Picture<'a> {
-    points: &'a [Point3<f32>],
+pub(super) struct Picture {
     look: Vector3<f32>,
     edge_mm: f32,
     /// To the right and up in it, each with where it begins, mm, and how many pixels it has.
     axes: [(Vector3<f32>, f32, usize); 2],
+    /// Of each point its pixel, [`OFF`] if it is in none, and how near it is, mm along the look.
+    places: Vec<(u32, f32)>,
     /// Of each pixel the nearest that is seen in it, mm along the look.
     nearest_mm: Vec<f32>,
 }
 
-impl<'a> Picture<'a> {
-    pub(super) fn new(points: &'a [Point3<f32>], edge_mm: f32, look: &Vector3<f32>) -> Self {
+/// The pixel of what is off the picture.
+const OFF: u32 = u32::MAX;
+
+impl Picture {
+    pub(super) fn new(points: &[Point3<f32>], edge_mm: f32, look: &Vector3<f32>) -> Self {
         let mut aside = Vector3::zeros();
         aside[look.iamin()] = 1.0;
         let right = look.cross(&aside).normalize();
@@ -109,14 +113,17 @@ impl<'a> Picture<'a> {
             let [low, high] = middle_span(points, &axis);
             (axis, low, ((high - low) / (PIXEL_VOXELS * edge_mm) + 1.0).min(MOST_PIXELS) as usize + 1)
         });
-        let nearest_mm = vec![f32::MIN; axes[0].2 * axes[1].2];
-        let mut picture = Self { points, look: *look, edge_mm, axes, nearest_mm };
-        for p in points {
-            if let Some(pixel) = picture.pixel(p) {
-                let nearest_mm = &mut picture.nearest_mm[pixel];
-                *nearest_mm = nearest_mm.max(p.coords.dot(look));
+        let mut nearest_mm = vec![f32::MIN; axes[0].2 * axes[1].2];
+        let mut picture = Self { look: *look, edge_mm, axes, places: Vec::new(), nearest_mm: Vec::new() };
+        let place =
+            |p: &Point3<f32>| (picture.pixel(p).map_or(OFF, |pixel| pixel as u32), p.coords.dot(look));
+        picture.places = points.iter().map(place).collect();
+        for (pixel, depth_mm) in &picture.places {
+            if let Some(nearest_mm) = nearest_mm.get_mut(*pixel as usize) {
+                *nearest_mm = nearest_mm.max(*depth_mm);
             }
         }
+        picture.nearest_mm = nearest_mm;
         picture
     }
 
@@ -130,14 +137,14 @@ impl<'a> Picture<'a> {
 
     /// Which of the points it shows, of surfaces with these normals.
     fn seen(&self, normals: &[Vector3<f32>]) -> Vec<bool> {
-        let sees = |(p, n): (&Point3<f32>, &Vector3<f32>)| {
-            let Some(pixel) = self.pixel(p) else { return false };
+        let sees = |((pixel, depth_mm), n): (&(u32, f32), &Vector3<f32>)| {
+            let Some(nearest_mm) = self.nearest_mm.get(*pixel as usize) else { return false };
             let cosine = n.dot(&self.look).abs();
             let slope = (1.0 - cosine * cosine).max(0.0).sqrt() / cosine.max(LEAST_COSINE);
             let within_mm = (DEPTH_VOXELS + PIXEL_VOXELS * slope) * self.edge_mm;
-            cosine > LEAST_COSINE && self.nearest_mm[pixel] - p.coords.dot(&self.look) < within_mm
+            cosine > LEAST_COSINE && nearest_mm - depth_mm < within_mm
         };
-        self.points.iter().zip(normals).map(sees).collect()
+        self.places.iter().zip(normals).map(sees).collect()
     }
 
     /// Whether nothing is before this place.
@@ -150,9 +157,11 @@ impl<'a> Picture<'a> {
 fn middle_span(points: &[Point3<f32>], axis: &Vector3<f32>) -> [f32; 2] {
     let step = (points.len() / 20_000).max(1);
     let mut along: Vec<f32> = points.iter().step_by(step).map(|p| p.coords.dot(axis)).collect();
-    along.sort_unstable_by(f32::total_cmp);
     let cut = along.len() / 500;
-    let (low, high) = (along[cut], along[along.len() - 1 - cut]);
+    let last = along.len() - 1 - cut;
+    let (_, low, rest) = along.select_nth_unstable_by(cut, f32::total_cmp);
+    let low = *low;
+    let high = if last > cut { *rest.select_nth_unstable_by(last - cut - 1, f32::total_cmp).1 } else { low };
     let margin = 0.05 * (high - low) + 1.0;
     [low - margin, high + margin]
 }

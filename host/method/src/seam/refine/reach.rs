@@ -13,6 +13,19 @@ const LEAST_POINTS: usize = 100;
 const LEAST_LEFT_OUT: usize = 20;
 /// Width of a strip along the seam, in inner parts.
 const STRIP: f32 = 0.077;
+/// How many times wider strips may be made.
+const MOST_WIDENED: usize = 5;
+/// Gaps between strips that hold points from which on they are those between rows, and the share of their second differences that
+/// change sign.
+const LEAST_GAPS: usize = 3;
+const BY_TURNS: f64 = 0.7;
+/// Deviation of a second difference over that of its values, of a median over that of a mean; how much more than that
+/// neighbouring strips may differ; and the part of what counts as off within which they may in any case: three deviations stay
+/// within it.
+const TURN_DEVIATION: f64 = 2.449;
+const MEDIAN_DEVIATION: f64 = 1.253;
+const CHANCE: f64 = 2.0;
+const UNSEEN: f64 = 1.0 / 3.0;
 /// Strips of the inner part, from its end, that are looked at, too.
 const STRIPS_BEFORE: usize = 2;
 /// Share of the usual points below which a strip misses some.
@@ -63,7 +76,7 @@ pub(super) fn reach(points: &[Beside], scale: &Reach) -> f32 {
     if whole.len() < LEAST_POINTS {
         return scale.inner_mm.min(scale.most_mm);
     }
-    let strip = STRIP * scale.inner_mm;
+    let strip = strip_mm(points, scale);
     let mut heights = by_strip(points, strip, (scale.most_mm / strip) as usize + 1);
     let first = (scale.from_mm / strip) as usize + 1;
     let whole_strips = first..((scale.inner_mm / strip) as usize).clamp(first, heights.len());
@@ -109,7 +122,7 @@ pub(super) fn reach(points: &[Beside], scale: &Reach) -> f32 {
 
 /// Where the points near the face's tangent plane end, wherever among them the face is: a lip or an edge, and not a lift, mm.
 pub(super) fn ends(points: &[Beside], scale: &Reach) -> f32 {
-    let strip = STRIP * scale.inner_mm;
+    let strip = strip_mm(points, scale);
     let strips = by_strip(points, strip, (scale.most_mm / strip) as usize + 1);
     let first = (scale.from_mm / strip) as usize + 1;
     let inner = first..((scale.inner_mm / strip) as usize).min(strips.len());
@@ -119,6 +132,54 @@ pub(super) fn ends(points: &[Beside], scale: &Reach) -> f32 {
     let missing =
         strips.iter().enumerate().skip(first).rev().skip(1).rev().find(|(_, h)| (h.len() as f32) < least);
     missing.map_or(scale.most_mm, |(k, _)| k as f32 * strip)
+}
+
+/// Width of strips along the seam, mm. Rows of a picture that run along the seam leave narrow strips empty; and of a row
+/// between two of them each gets the points whose noise put them there, all too high in one and too low in the next. There
+/// strips are as wide as it takes until neighbours agree.
+fn strip_mm(points: &[Beside], scale: &Reach) -> f32 {
+    let narrowest = STRIP * scale.inner_mm;
+    let widths = (1..=MOST_WIDENED).map(|k| k as f32 * narrowest);
+    widths.clone().find(|strip| agrees(points, scale, *strip)).unwrap_or(narrowest)
+}
+
+/// Whether the strips of the inner part hold points, up to the last that does, and differ from their neighbours no more than
+/// their points' noise lets them, or too little to be taken for an end.
+fn agrees(points: &[Beside], scale: &Reach, strip: f32) -> bool {
+    let first = (scale.from_mm / strip) as usize + 1;
+    let mut inner = by_strip(points, strip, (scale.inner_mm / strip) as usize);
+    let mut inner = inner.split_off(first.min(inner.len()));
+    let mut counts: Vec<f32> = inner.iter().map(|h| h.len() as f32).collect();
+    let usual = median(&mut counts);
+    let is_missing = |h: &Vec<f32>| (h.len() as f32) < (MISSING * usual).max(1.0);
+    // What follows the last that holds points is no hole: there the face has ended.
+    inner.truncate(inner.iter().rposition(|h| !is_missing(h)).map_or(0, |last| last + 1));
+    // A gap or two are of the work: rows leave one after another.
+    let gaps = inner.windows(2).filter(|pair| is_missing(&pair[1]) && !is_missing(&pair[0])).count();
+    if gaps >= LEAST_GAPS {
+        return false;
+    }
+    inner.retain(|h| !is_missing(h));
+    let heights: Vec<f64> = inner.iter_mut().map(|h| f64::from(median(h))).collect();
+    let turns: Vec<f64> = heights.windows(3).map(|h| h[0] - 2.0 * h[1] + h[2]).collect();
+    // A lip turns one way: rows make strips high and low by turns.
+    let back = turns.windows(2).filter(|pair| pair[0] * pair[1] < 0.0).count();
+    if turns.is_empty() || (back as f64) < BY_TURNS * (turns.len() - 1) as f64 {
+        return true;
+    }
+    let mut turns: Vec<f64> = turns.iter().map(|turn| turn.abs()).collect();
+    let rough_mm = robust_deviation(&mut turns) / TURN_DEVIATION;
+    let mut noise = inner
+        .iter()
+        .zip(&heights)
+        .map(|(h, middle)| {
+            let mut misses: Vec<f64> = h.iter().map(|h| (f64::from(*h) - middle).abs()).collect();
+            robust_deviation(&mut misses)
+        })
+        .collect::<Vec<_>>();
+    let sigma_mm = median(&mut noise);
+    let chance_mm = MEDIAN_DEVIATION * sigma_mm / f64::from(usual).sqrt();
+    rough_mm < CHANCE * chance_mm || rough_mm < UNSEEN * (OFF_DEVIATIONS * sigma_mm).max(OFF_MM)
 }
 
 /// Heights of the points in strips along the seam.
@@ -182,5 +243,45 @@ impl Parabola {
 
     fn height(&self, u: f64) -> f64 {
         self.terms[0] + self.terms[1] * u + self.terms[2] * u * u
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SCALE: Reach = Reach { from_mm: 1.0, inner_mm: 6.5, most_mm: 14.0, begins_mm: 1.0, is_side: false };
+
+    /// Points of a face of `length_mm`, in rows along the seam that are `pitch_mm` apart, seen at 45 degrees to it with noise
+    /// along the line of sight; it is lifted beyond `lip_mm`.
+    fn face(pitch_mm: f32, length_mm: f32, lip_mm: f32) -> Vec<Beside> {
+        let noise = |k: u32| {
+            let x = (f64::from(k) * 12.9898).sin() * 43_758.547;
+            (x - x.floor()) as f32 - 0.5
+        };
+        let point = |k: u32| {
+            let depth = noise(4 * k) + noise(4 * k + 1) + noise(4 * k + 2);
+            let row = ((noise(4 * k + 3) + 0.5) * length_mm / pitch_mm).floor() * pitch_mm;
+            let (u, lift) = (row + 0.7 * depth, if row > lip_mm { 1.0 } else { 0.0 });
+            Beside { s: 0.01 * k as f32, face: 0, u, h: 0.7 * depth + lift, view: 0, incidence_cos: 0.7 }
+        };
+        (0..8000).map(point).collect()
+    }
+
+    #[test]
+    fn a_face_whose_rows_run_along_the_seam_does_not_end_between_two_of_them() {
+        for pitch_mm in [0.1, 0.8, 1.06, 1.3] {
+            assert_eq!(reach(&face(pitch_mm, 16.0, 99.0), &SCALE), SCALE.most_mm, "{pitch_mm}");
+        }
+    }
+
+    #[test]
+    fn it_ends_where_it_ends_or_is_lifted_all_the_same() {
+        for pitch_mm in [0.1, 1.06] {
+            for mm in [reach(&face(pitch_mm, 10.0, 99.0), &SCALE), reach(&face(pitch_mm, 16.0, 10.0), &SCALE)]
+            {
+                assert!((7.0..=10.5).contains(&mm), "{pitch_mm}: {mm}");
+            }
+        }
     }
 }
