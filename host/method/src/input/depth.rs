@@ -28,8 +28,8 @@ pub(super) const PRIMESENSE: Camera = Camera {
 /// Deflate grows its input by at most this (zlib's technical details).
 const DEFLATE_GROWTH: u64 = 1032;
 
-/// In memory: the count, the depth, and the point that it becomes.
-const PIXEL_BYTES: u64 = 2 + 4 + 12;
+/// In memory: the count, the same without lone readings, the depth, and the point that it becomes.
+const PIXEL_BYTES: u64 = 2 + 2 + 4 + 12;
 
 /// The points of a depth image, mm, in the camera's frame: x right, y down, z forward.
 pub(super) fn points_mm(bytes: &[u8], rays: &Rays, path: &Path) -> Result<Vec<Point3<f32>>, Error> {

@@ -42,29 +42,59 @@ const LEAST_SPREAD: f64 = 1e-6;
 /// Marks of no reading are 0 and this.
 const SATURATED: u16 = u16::MAX;
 
+/// Neighbours on a face differ by less than this share of their depth: with pixels of a 500th of it, on a face whose normal is
+/// up to 87 degrees off the line of sight.
+const NEIGHBOURS: f32 = 0.05;
+
 /// Depths of an image in counts, row by row, between their steps where these are coarse, else as they are; 0 where there is
 /// no reading. A pixel is `wide` times as wide as what it sees is deep.
 pub(super) fn restored(counts: &[u16], width: usize, wide: f64) -> Vec<f32> {
-    let image = Image { counts, width, height: counts.len() / width.max(1) };
-    match Steps::of(counts).filter(|steps| steps.are_coarse(counts, width, wide)) {
-        None => (0..counts.len()).map(|at| image.depth(at).unwrap_or(0.0)).collect(),
+    let as_read = |at: usize| depth(counts[at]).unwrap_or(0.0);
+    let faces = without_lone(counts, width);
+    let image = Image { counts: &faces, width, height: counts.len() / width.max(1) };
+    match Steps::of(&faces).filter(|steps| steps.are_coarse(&faces, width, wide)) {
+        None => (0..counts.len()).map(as_read).collect(),
         Some(steps) => {
             let windows = HALVES.map(|half| image.windows(half));
             let noise = windows.iter().find(|windows| windows.half == NOISE_HALF).map_or(0.0, Windows::noise);
             let row = |row: usize| {
-                let (windows, steps) = (&windows, &steps);
+                let (windows, steps, faces) = (&windows, &steps, &faces);
                 (0..width).map(move |column| {
-                    let Some(depth) = image.depth(row * width + column) else { return 0.0 };
+                    let at = row * width + column;
+                    let Some(depth) = depth(faces[at]) else { return as_read(at) };
                     let step = steps.about(depth as u16);
                     let most = EXPLAINED * noise.max(ROUNDING * step * step);
                     let on_plane = windows.iter().find_map(|windows| windows.at(row, column, most));
                     let within = |on: f32| on.clamp(depth - 0.5 * step, depth + 0.5 * step);
-                    on_plane.map_or(depth, |on| within(on) + step * drawn(row * width + column))
+                    on_plane.map_or(depth, |on| within(on) + step * drawn(at))
                 })
             };
             (0..image.height).into_par_iter().flat_map_iter(row).collect()
         }
     }
+}
+
+/// A reading.
+fn depth(count: u16) -> Option<f32> {
+    (1..SATURATED).contains(&count).then(|| f32::from(count))
+}
+
+/// Readings with one of about their depth beside them. A camera invents others, which lie on no face but spoil each window that
+/// holds them.
+fn without_lone(counts: &[u16], width: usize) -> Vec<u16> {
+    let beside = |at: usize, rows: isize, columns: isize| {
+        let column = (at % width).checked_add_signed(columns).filter(|&column| column < width)?;
+        let row = (at / width).checked_add_signed(rows)?;
+        depth(*counts.get(row * width + column)?)
+    };
+    let is_lone = |at: usize, own: f32| {
+        let near = |other: f32| (other - own).abs() < NEIGHBOURS * own;
+        ![(0, -1), (0, 1), (-1, 0), (1, 0), (-1, -1), (1, 1), (-1, 1), (1, -1)]
+            .iter()
+            .any(|&(rows, columns)| beside(at, rows, columns).is_some_and(near))
+    };
+    let kept = |at: usize| depth(counts[at]).map_or(0, |own| if is_lone(at, own) { 0 } else { counts[at] });
+    (0..counts.len()).into_par_iter().map(kept).collect()
 }
 
 /// A number from -0.5 to 0.5 that follows from the pixel alone (splitmix64).
@@ -84,10 +114,6 @@ struct Image<'a> {
 }
 
 impl Image<'_> {
-    fn depth(&self, at: usize) -> Option<f32> {
-        (1..SATURATED).contains(&self.counts[at]).then(|| f32::from(self.counts[at]))
-    }
-
     /// Windows of one size, half as many pixels apart as they reach from their middle.
     fn windows(&self, half: usize) -> Windows {
         let apart = half / APART;
@@ -105,7 +131,7 @@ impl Image<'_> {
         let mut sums = Sums::default();
         for r in about(row, self.height) {
             for c in about(column, self.width) {
-                if let Some(depth) = self.depth(r * self.width + c) {
+                if let Some(depth) = depth(self.counts[r * self.width + c]) {
                     sums.add(c as f64 - column as f64, r as f64 - row as f64, 1.0 / f64::from(depth));
                 }
             }
@@ -187,10 +213,9 @@ impl Steps {
     /// Whether most steps are coarse beside a pixel, and neighbouring pixels differ by little more than rounding makes them.
     fn are_coarse(&self, counts: &[u16], width: usize, wide: f64) -> bool {
         let fine = (FINE * wide) as f32;
-        let is_reading = |count: &u16| (1..SATURATED).contains(count);
         let (mut all, mut few) = (0_usize, 0_usize);
         for row in counts.chunks_exact(width) {
-            for three in row.windows(3).filter(|three| three.iter().all(is_reading)) {
+            for three in row.windows(3).filter(|three| three.iter().all(|&count| depth(count).is_some())) {
                 let [a, b, c] = [0, 1, 2].map(|k| f32::from(three[k]));
                 all += 1;
                 let step = self.about(three[1]);
@@ -336,6 +361,20 @@ mod tests {
     fn steps_much_finer_than_a_pixel_are_left_alone_however_little_noise_there_is() {
         let (counts, _) = image(1.0, |row, column| 1.0 / (1.0 / 9000.0 + (row + 0.03 * column) * 1.9e-7));
         assert!(restored(&counts, WIDTH, WIDE) == rounded(&counts));
+    }
+
+    #[test]
+    fn readings_that_lie_alone_change_no_other() {
+        let (mut counts, _) = image(1.0, |row, _| 1.0 / (1.0 / 450.0 + row * 3.7e-6));
+        let lone = |at: usize| at % 97 == 5;
+        (0..counts.len()).filter(|&at| lone(at)).for_each(|at| counts[at] = 0);
+        let clean = restored(&counts, WIDTH, WIDE);
+        (0..counts.len()).filter(|&at| lone(at)).for_each(|at| counts[at] = 5000 + (at % 7) as u16);
+        let strewn = restored(&counts, WIDTH, WIDE);
+        assert!(
+            (0..counts.len())
+                .all(|at| strewn[at] == if lone(at) { f32::from(counts[at]) } else { clean[at] })
+        );
     }
 
     #[test]

@@ -175,18 +175,18 @@ impl Scene {
             .collect()
     }
 
-    /// Cuts from the seams of a mesh what is excluded: these come from facets, which are not parted.
+    /// Cuts from the seams what is excluded: two faces that end beside a box are followed into it. Seams of a mesh come from
+    /// facets, which are not parted, and are cut by the background, too; work that stands on it has its seams close to it.
     pub(super) fn trim(&self, found: &mut Found, views: &[View]) {
-        if self.exclusion.is_empty() || views.iter().all(|view| view.mesh.is_none()) {
+        if self.exclusion.is_empty() {
             return;
         }
-        let left = |seam: &Seam| stretches(seam, |p| self.is_out(p));
-        found.seams = found.seams.iter().flat_map(left).collect();
+        let background = self.background.as_ref().filter(|_| views.iter().any(|view| view.mesh.is_some()));
+        let is_out = |p: &Point3<f64>| {
+            self.exclusion.names(p) || background.is_some_and(|background| background.holds(p))
+        };
+        found.seams = found.seams.iter().flat_map(|seam| stretches(seam, is_out)).collect();
         (1..).zip(&mut found.seams).for_each(|(id, seam)| seam.id = id);
-    }
-
-    fn is_out(&self, p: &Point3<f64>) -> bool {
-        self.exclusion.names(p) || self.background.as_ref().is_some_and(|background| background.holds(p))
     }
 }
 
