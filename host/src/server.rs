@@ -1,8 +1,9 @@
 //! `weldpath open`: the report as a page that edits its job, and the server on 127.0.0.1 that it talks to.
 //!
-//! The page asks for five things: itself, the numbers of the last plan, a cross-section of one of its seams, the schema of a job,
-//! and the state of things, for which it waits until there is news. It does five: edit, undo, redo, plan, cancel. Nothing that it sends names a file, but for what is typed on the start page. What it changes is the job; a
-//! plan writes the job with all other files of a run, and `weldpath plan --job` makes the same of it.
+//! The page asks for six things: itself, the numbers of the last plan, its files, a cross-section of one of its seams, the schema
+//! of a job, and the state of the session, for which it waits until there is news. It does five: edit, undo, redo, plan, cancel.
+//! It names no file but those that the last plan wrote, and what is typed on the start page. It changes the job only; a plan
+//! writes the job with all other files of a run, and `weldpath plan --job` makes the same of it.
 
 mod command;
 mod edit;

@@ -140,6 +140,7 @@ impl Server {
                 ("", Some(opened)) => opened.page(),
                 ("content", Some(opened)) => opened.content(),
                 ("section", Some(opened)) => opened.section(query),
+                ("file", Some(opened)) => opened.file(query),
                 ("schema", Some(_)) => json(Job::schema()),
                 ("state", Some(opened)) => opened.news(query).await,
                 ("", None) => start_page(),
@@ -272,6 +273,23 @@ impl Opened<'_> {
         }
     }
 
+    /// A file of the last plan, as in `name=path.csv`, to be saved.
+    fn file(&self, query: &str) -> Answer {
+        let file = query.strip_prefix("name=").and_then(|name| Some((name, self.session.file(name)?)));
+        let Some((name, bytes)) = file else {
+            return refusal(StatusCode::NOT_FOUND, "the last plan wrote no file of this name");
+        };
+        let bytes = match bytes {
+            Ok(bytes) => bytes,
+            Err(error) => return refusal(StatusCode::NOT_FOUND, &format!("{name}: {error}; plan again")),
+        };
+        let mut answer = answer(StatusCode::OK, "application/octet-stream", bytes);
+        if let Ok(saved) = HeaderValue::from_str(&format!("attachment; filename=\"{name}\"")) {
+            answer.headers_mut().insert(header::CONTENT_DISPOSITION, saved);
+        }
+        answer
+    }
+
     /// The report of the last plan with what edits it, or a page that waits for the first.
     fn page(&self) -> Answer {
         let Ok(nonce) = guard::token() else {
@@ -370,8 +388,8 @@ fn onward(address: &str) -> Answer {
     answer
 }
 
-fn answer(status: StatusCode, kind: &'static str, text: String) -> Answer {
-    let mut answer = Response::new(Full::new(Bytes::from(text)));
+fn answer(status: StatusCode, kind: &'static str, body: impl Into<Bytes>) -> Answer {
+    let mut answer = Response::new(Full::new(body.into()));
     *answer.status_mut() = status;
     let headers = [
         (header::CONTENT_TYPE, kind),

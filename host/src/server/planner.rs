@@ -109,8 +109,8 @@ fn show(session: &Session, job: Job, found: Arc<Searched>, stop: &AtomicBool) ->
     write(&session.workplace, &output.files)?;
     session.kept.save();
     let (html, reversed) = (html.into(), reversed(&found.plan, &output));
-    let paths = output.paths.as_slice().into();
-    session.show(Shown { html, job, paths, reversed, found: Some(found), ..Shown::default() });
+    let (paths, files) = (output.paths.as_slice().into(), names(&output.files));
+    session.show(Shown { html, files, job, paths, reversed, found: Some(found), ..Shown::default() });
     refused(&output)
 }
 
@@ -130,7 +130,7 @@ fn search(session: &Session, job: &Job, stop: &AtomicBool) -> Result<Arc<Searche
             write(&session.workplace, &seen)?;
             if let Some(page) = seen.first() {
                 let html = String::from_utf8_lossy(&page.bytes).into();
-                session.show(Shown { html, job: job.clone(), ..Shown::default() });
+                session.show(Shown { html, files: names(&seen), job: job.clone(), ..Shown::default() });
             }
             Err(told(error, "docs/troubleshooting.md says what to try"))
         }
@@ -150,6 +150,10 @@ fn reversed(plan: &Plan, output: &Output) -> BTreeSet<usize> {
     plan.paths.iter().filter(|path| turned(path) == Some(true)).map(|path| path.seam).collect()
 }
 
+fn names(files: &[File]) -> Arc<[String]> {
+    files.iter().map(|file| file.name.clone()).collect()
+}
+
 fn write(workplace: &Workplace, files: &[File]) -> Result<(), Told> {
     let Workplace { out, given, overwrite, .. } = workplace;
     let writer = Writer::new(out).overwrite(*overwrite).given(given.as_deref());
@@ -161,7 +165,7 @@ fn refused(output: &Output) -> Result<(), Told> {
     match output.summary.verdict().state {
         State::Refused => Err(told(
             "the plan is refused: no program is written",
-            "the reasons stand above the picture; confirm one where it is known to be harmless",
+            "the verdict below the picture unfolds to its reasons; confirm one where it is known to be harmless",
         )),
         State::Ready | State::Check => Ok(()),
     }

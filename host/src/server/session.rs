@@ -11,6 +11,7 @@ use tokio::sync::watch;
 use super::command::{self, Target};
 use super::edit::Edit;
 use crate::report::{Edition, Recording};
+use weldpath_files::reading;
 use weldpath_job::robot::dialect::Dialect;
 use weldpath_job::robot::feasibility::catalogue;
 use weldpath_job::run::job::{
@@ -22,6 +23,8 @@ use weldpath_method::weld::SeamPath;
 
 /// Edits that can be undone.
 const MOST_UNDONE: usize = 1000;
+/// No file of a plan is as large.
+const MOST_FILE_BYTES: u64 = 4 << 30;
 
 /// What was found in the scan, and what the report shows of it beside.
 pub(super) type Searched = planning::Searched<Recording>;
@@ -86,6 +89,8 @@ pub(super) struct Shown {
     pub found: Option<Arc<Searched>>,
     /// Its report.
     pub html: Arc<str>,
+    /// Names of the files that were written.
+    pub files: Arc<[String]>,
     /// The job that was planned.
     pub job: Job,
     /// The passes in the order in which they are welded.
@@ -149,6 +154,8 @@ struct Overview<'a> {
     order: Vec<usize>,
     command: String,
     out: String,
+    /// Files of the last plan, in that folder.
+    files: &'a [String],
     /// Arms that are known by name.
     models: &'static [&'static str],
 }
@@ -334,6 +341,13 @@ impl Session {
         self.desk().shown.clone()
     }
 
+    /// A file of the last plan; none if that has none of this name.
+    pub(super) fn file(&self, name: &str) -> Option<std::io::Result<Vec<u8>>> {
+        let shown = self.shown()?;
+        let own = shown.files.iter().find(|file| *file == name)?;
+        Some(reading::bytes(&self.workplace.out.join(own), MOST_FILE_BYTES))
+    }
+
     /// Whether nothing would be lost if the server ended.
     pub(super) fn is_at_rest(&self) -> bool {
         let desk = self.desk();
@@ -364,6 +378,7 @@ impl Session {
             order: desk.order(),
             command: command::command(&desk.job, target),
             out: out.display().to_string(),
+            files: desk.shown.as_ref().map_or(&[], |shown| &shown.files),
             models: catalogue::NAMES,
         };
         // Strings, finite numbers and lists only: there is nothing serde_json could refuse.

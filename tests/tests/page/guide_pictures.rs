@@ -13,7 +13,7 @@ use weldpath_tests::page::Page;
 const MOST_BYTES: usize = 100_000;
 const MOST_PICTURES: usize = 5;
 /// Of the window, px.
-const SIZE: (u32, u32) = (1120, 660);
+const SIZE: (u32, u32) = (1280, 760);
 /// A picture of which so much has one colour shows nothing.
 const UNIFORM: f64 = 0.8;
 
@@ -77,9 +77,8 @@ fn open(chromium: &Path) -> Page {
     page
 }
 
-fn whole(page: &mut Page) {
-    scroll_to(page, "header", "start");
-}
+/// As it opens.
+fn whole(_: &mut Page) {}
 
 fn weave(page: &mut Page) {
     page.set("weave.shape", "zigzag");
@@ -90,7 +89,6 @@ fn weave(page: &mut Page) {
         "(() => { document.querySelector('[data-group=\"path\"]').open = false; document.querySelector('[data-group=\"weave\"]').open = true;
            document.querySelector('.detail button').click(); })()",
     );
-    scroll_to(page, "main", "start");
 }
 
 fn section(page: &mut Page) {
@@ -108,7 +106,6 @@ fn ask(page: &mut Page) {
         page.browser.click(x, y);
         page.settle(&format!("document.querySelectorAll('.mark-place').length === {}", k + 1));
     }
-    scroll_to(page, "#strip", "start");
 }
 
 fn robot(page: &mut Page) {
@@ -124,7 +121,6 @@ fn robot(page: &mut Page) {
     );
     assert_eq!(page.browser.evaluate("weldpath.scene.arm.visible"), true, "the piece is within reach");
     assert_eq!(page.browser.evaluate("document.getElementById('show-arm').closest('label').hidden"), false);
-    scroll_to(page, "main", "start");
 }
 
 /// A picture's name, and what is done on the page before it is taken.

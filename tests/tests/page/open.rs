@@ -716,10 +716,40 @@ fn no_path_leads_to_a_file() {
         "./report.html",
         "state/../job.toml",
         "file:///etc/passwd",
+        "file",
     ] {
         let answer = open.get(path);
-        assert_eq!((answer.status, answer.body.as_str()), (404, "there is nothing here"), "{path}");
+        let known = ["there is nothing here", "the last plan wrote no file of this name"];
+        assert!(answer.status == 404 && known.contains(&answer.body.as_str()), "{path}: {}", answer.body);
         assert_eq!(open.post(path, "{}").status, 404, "{path}");
+    }
+}
+
+#[test]
+fn files_of_the_last_plan_are_handed_out_and_no_others() {
+    let open = Open::new(&fixture("butt-v"));
+    let state = open.planned(1);
+    let names: Vec<&str> =
+        state["files"].as_array().unwrap().iter().map(|name| name.as_str().unwrap()).collect();
+    assert!(names.contains(&"path.script") && names.contains(&"job.toml"), "{names:?}");
+    for name in names.iter().filter(|name| !name.ends_with(".ply")) {
+        let answer = open.get(&format!("file?name={name}"));
+        let on_disk = std::fs::read_to_string(open.out().join(name)).unwrap();
+        assert_eq!((answer.status, answer.body == on_disk), (200, true), "{name}");
+    }
+    std::fs::write(open.out().join("own.txt"), "mine").unwrap();
+    for name in ["own.txt", "../scan.json", "", "..", "/etc/passwd", "%2e%2e/scan.json", ".weldpath.json"] {
+        let answer = open.get(&format!("file?name={name}"));
+        assert_eq!((answer.status, answer.body.contains("mine")), (404, false), "{name}");
+    }
+    // A plan that is refused leaves no program to be saved.
+    open.edit(json!({ "edit": "set", "seam": null, "key": "path.standoff_mm", "value": -20 }));
+    let refused = open.planned(2);
+    if refused["failure"]["message"].as_str().is_some_and(|words| words.contains("refused")) {
+        assert!(!refused["files"].as_array().unwrap().iter().any(|name| name == "path.script"));
+        assert_eq!(open.get("file?name=path.script").status, 404);
+    } else {
+        panic!("a tip 20 mm inside the plate is refused: {}", refused["failure"]);
     }
 }
 

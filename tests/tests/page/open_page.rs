@@ -190,7 +190,8 @@ fn an_edit_is_seen_at_once_in_the_same_page_without_its_cloud_being_sent_again()
     assert_eq!(page.browser.evaluate(once), true);
     // Who works by keys stays where he was, though the list is made anew.
     page.browser.evaluate(
-        "(() => { const box = document.querySelector('#verdict [data-reason=\"tool-not-stated\"]'); box.focus(); box.click(); })()",
+        "(() => { document.getElementById('verdict').open = true;
+           const box = document.querySelector('#verdict [data-reason=\"tool-not-stated\"]'); box.focus(); box.click(); })()",
     );
     page.settle("document.querySelector('#verdict .accepted')");
     assert_eq!(page.browser.evaluate("document.activeElement.dataset.reason"), "tool-not-stated");
@@ -363,7 +364,7 @@ fn a_cross_section_is_looked_at_by_keys_and_measured_and_a_joint_type_is_correct
     // The measured distance of two places of the cloud: 0.6 of the seam's length.
     let length = page.browser.evaluate("weldpath.content.summary.seams[0].length_mm").as_f64().unwrap();
     page.browser.press("m", false);
-    for share in [0.2, 0.8] {
+    for share in [0.3, 0.9] {
         let [x, y] = page.beside_the_first_seam(share);
         page.browser.click(x, y);
     }
@@ -546,4 +547,108 @@ fn a_seam_is_drawn_on_the_plate_and_the_command_makes_the_same_of_it() {
     page.plan();
     assert_eq!(page.order().len(), seams);
     assert!(page.browser.console().is_empty(), "{:?}", page.browser.console());
+}
+
+/// Sizes of windows, px, and the least share of each that is the picture's.
+const WORKBENCHES: [((u32, u32), f64); 4] =
+    [((1400, 900), 0.5), ((1920, 1080), 0.55), ((1024, 700), 0.38), ((390, 844), 0.2)];
+
+#[test]
+fn the_picture_fills_the_window_and_nothing_is_beyond_it() {
+    let Some(chromium) = browser::chromium() else { return };
+    let mut page = Page::open(&chromium, "scan");
+    for ((width, height), least) in WORKBENCHES {
+        page.browser.resize(width, height);
+        page.browser.wait_until_drawn();
+        let found = page.browser.evaluate(
+            "(() => {
+            const box = (id) => document.getElementById(id).getBoundingClientRect();
+            const [canvas, seams, more] = ['canvas', 'seams', 'more'].map(box);
+            const cut = [...document.querySelectorAll('#seams th, #seams tr:first-child td')].map((cell) => cell.getBoundingClientRect().right - innerWidth);
+            const { scrollWidth, scrollHeight } = document.documentElement;
+            return [canvas.width * canvas.height / (innerWidth * innerHeight), scrollWidth - innerWidth, scrollHeight - innerHeight, Math.max(...cut),
+              canvas.top, more.bottom - innerHeight, document.getElementById('seams').scrollWidth - seams.width];
+        })()",
+        );
+        let number = |k: usize| found[k].as_f64().unwrap();
+        assert!(number(0) >= least, "{width} px: the picture has {:.2} of the window", number(0));
+        assert!(
+            (1..4).all(|k| number(k) <= 0.0) && number(5) <= 0.0 && number(6) <= 1.0,
+            "{width} px: {found}"
+        );
+        // One bar stands above it; on a phone its buttons have a row of their own.
+        assert!(number(4) < 0.12 * f64::from(height), "{width} px: {} px above the picture", number(4));
+    }
+}
+
+/// What stands below the field of a setting.
+fn beside(page: &mut Page, key: &str, part: &str) -> String {
+    page.text(&format!("#settings [data-key='{key}'] ~ {part}"))
+}
+
+#[test]
+fn numbers_are_read_as_people_write_them_and_a_slip_of_the_point_is_marked() {
+    let Some(chromium) = browser::chromium() else { return };
+    let mut page = Page::open(&chromium, "scan");
+    for (typed, read) in [("6,5", "6.5"), ("6.75", "6.75"), (" 7 ", "7")] {
+        page.set("path.feed_mm_s", typed);
+        page.settle(&format!("document.querySelector('#settings [data-key=\"path.feed_mm_s\"] ~ .about').textContent.startsWith('{read} mm/s (')"));
+        let value =
+            page.browser.evaluate("document.querySelector('#settings [data-key=\"path.feed_mm_s\"]').value");
+        assert_eq!(value, read);
+        page.settle("document.querySelector('#settings .slip:not([hidden])') === null");
+    }
+    for (typed, words) in [
+        ("1,500", "\"1,500\" can be 1.5 or 1500: write one of them"),
+        ("1.500,0", "\"1.500,0\" is no number"),
+        ("fast", "\"fast\" is no number"),
+    ] {
+        page.set("path.feed_mm_s", typed);
+        page.settle("document.querySelector('#settings [data-key=\"path.feed_mm_s\"]').getAttribute('aria-invalid') === 'true'");
+        let refusal = beside(&mut page, "path.feed_mm_s", ".refusal");
+        assert!(refusal.starts_with(words), "{refusal}");
+        page.set("path.feed_mm_s", "7");
+        page.settle("document.querySelector('#settings [data-key=\"path.feed_mm_s\"]').getAttribute('aria-invalid') === 'false'");
+    }
+    page.set("path.feed_mm_s", "70");
+    page.settle("document.querySelector('#settings [data-key=\"path.feed_mm_s\"] ~ .slip:not([hidden])')");
+    let slip = beside(&mut page, "path.feed_mm_s", ".slip");
+    assert!(slip.starts_with("7 → 70 mm/s"), "{slip}");
+    page.browser
+        .evaluate("document.querySelector('#settings [data-key=\"path.feed_mm_s\"] ~ .slip button').click()");
+    page.settle("document.querySelector('#settings [data-key=\"path.feed_mm_s\"]').placeholder === '7' || document.querySelector('#settings [data-key=\"path.feed_mm_s\"]').value === '7'");
+}
+
+#[test]
+fn a_reason_leads_to_its_setting_and_the_files_are_saved_one_by_one_and_together() {
+    let Some(chromium) = browser::chromium() else { return };
+    let mut page = Page::open(&chromium, "scan");
+    let lead = "[...document.querySelectorAll('#reasons li')].find((one) => one.querySelector('code').textContent === 'tool-not-stated').querySelector('.lead')";
+    page.browser.evaluate(&format!(
+        "(() => {{ document.getElementById('verdict').open = true; {lead}.click(); }})()"
+    ));
+    page.settle("document.querySelector('#settings [data-group=\"tool\"]').open && document.activeElement.closest('[data-group]').dataset.group === 'tool'");
+    // The archive is what the folder holds, file by file.
+    page.browser.evaluate(
+        "(() => { globalThis.saved = null; URL.createObjectURL = (blob) => { blob.arrayBuffer().then((bytes) => { saved = new Uint8Array(bytes); }); return '#'; };
+           document.getElementById('zip').click(); })()",
+    );
+    page.settle("saved");
+    let text = "String.fromCharCode(...saved.slice(0, 4))";
+    assert_eq!(page.browser.evaluate(text), "PK\u{3}\u{4}");
+    let names =
+        page.browser.evaluate("[...document.querySelectorAll('#files a')].map((link) => link.download)");
+    let names: Vec<&str> = names.as_array().unwrap().iter().map(|name| name.as_str().unwrap()).collect();
+    for name in ["path.csv", "path.json", "path.script", "job.toml", "report.html", "summary.json"] {
+        assert!(names.contains(&name), "{names:?}");
+        let held = page.browser.evaluate(&format!(
+            "(async () => {{
+               const bytes = new Uint8Array(await (await fetch('file?name={name}')).arrayBuffer());
+               const held = new TextDecoder('latin1').decode(saved).includes({name:?});
+               return [bytes.length, held];
+             }})()"
+        ));
+        let on_disk = std::fs::metadata(page.home.path().join("out").join(name)).unwrap().len();
+        assert_eq!((held[0].as_u64(), held[1].as_bool()), (Some(on_disk), Some(true)), "{name}");
+    }
 }

@@ -1,5 +1,5 @@
 #!/bin/sh
-# Bundles the page's script, three.js included, into dist/report.js, what `weldpath open` adds to it into dist/editor.js, and
+# Bundles the page's script, three.js included, into dist/report.js, what `weldpath open` adds to it, fflate included, into dist/editor.js, and
 # that of its start page into dist/start.js.
 # Needs node and npm, and the network once; cargo needs none of them, for the bundles are committed. Run it after a change in
 # src/ or editor/src/ or of a version in package.json.
@@ -16,3 +16,4 @@ editor=$(cat editor/src/*.js src/dom.js src/texts.js package-lock.json | cksum |
 bundle editor/src/main.js iife editor "$editor"
 bundle editor/src/start.js iife start "$editor"
 cp node_modules/three/LICENSE dist/LICENSE-three.txt
+cp node_modules/fflate/LICENSE dist/LICENSE-fflate.txt

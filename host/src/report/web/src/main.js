@@ -249,8 +249,18 @@ function themes() {
   $("theme").addEventListener("click", () => theme(!dark()));
   $("print").addEventListener("click", () => window.print());
   let before = false;
-  window.addEventListener("beforeprint", () => { before = dark(); theme(false); });
-  window.addEventListener("afterprint", () => theme(before));
+  // On paper nothing can be unfolded.
+  let folded = [];
+  window.addEventListener("beforeprint", () => {
+    before = dark();
+    theme(false);
+    folded = [$("verdict")].filter((one) => !one.open);
+    folded.forEach((one) => { one.open = true; });
+  });
+  window.addEventListener("afterprint", () => {
+    theme(before);
+    folded.forEach((one) => { one.open = false; });
+  });
 }
 
 function picture() {
@@ -283,6 +293,33 @@ function words() {
   panel.facts();
 }
 
+// What unfolds: the details of the run over the picture, and on a phone the list below it.
+function unfolding() {
+  const drawer = (open) => {
+    $("drawer").hidden = !open;
+    $("more").setAttribute("aria-expanded", String(open));
+    $(open ? "drawer" : "more").focus();
+  };
+  $("more").addEventListener("click", () => drawer($("drawer").hidden));
+  $("close").addEventListener("click", () => drawer(false));
+  document.addEventListener("keydown", (event) => {
+    if (event.key !== "Escape") return;
+    if (!$("drawer").hidden) drawer(false);
+    else if ($("verdict").open && $("verdict").contains(document.activeElement)) {
+      $("verdict").open = false;
+      $("verdict-line").focus();
+    } else return;
+    event.stopImmediatePropagation();
+  }, { capture: true });
+  $("sheet").addEventListener("click", () => {
+    const folded = $("panel").classList.toggle("folded");
+    $("sheet").setAttribute("aria-expanded", String(!folded));
+    $("sheet").textContent = folded ? "▴" : "▾";
+  });
+  // A refusal is read before anything else.
+  $("verdict").open = content.summary.verdict.state === "refused";
+}
+
 // Another plan of the same scan in place of this one: lines, torch, words and player are made anew, the clouds stay where they
 // are, and so does whoever looks.
 function renew(next) {
@@ -305,6 +342,7 @@ pageTexts();
 themes();
 panel.head();
 words();
+unfolding();
 player();
 picture();
 keyboard();

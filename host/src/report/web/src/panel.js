@@ -23,16 +23,20 @@ export function head() {
   ].filter(Boolean).join(" · ");
 }
 
-// What may be done with the program, before all else.
+// What may be done with the program: one line, which unfolds to the reasons.
 export function verdict(onSelect) {
   const { state, reasons, limits } = content.summary.verdict;
   const item = (reason) => el("li", { class: reason.accepted ? "accepted" : "" },
     el("code", {}, reason.id), reason.accepted ? TEXTS.accepted : " ", sentence(reason.words), " ",
-    seams.some((seam) => seam.id === reason.seam) && el("button", { type: "button", onclick: () => onSelect(reason.seam) }, TEXTS.seam(reason.seam)));
+    seams.some((seam) => seam.id === reason.seam) && el("button", { type: "button", "data-seam": reason.seam, onclick: () => onSelect(reason.seam) }, TEXTS.seam(reason.seam)));
+  const open = reasons.filter((reason) => !reason.accepted).map((reason) => reason.id);
+  const notes = warningsByText().size;
   $("verdict").hidden = false;
   $("verdict").classList.remove(...Object.keys(TEXTS.states));
   $("verdict").classList.add(state);
-  $("verdict").replaceChildren(el("h2", {}, TEXTS.states[state]), reasons.length ? el("ul", {}, reasons.map(item)) : "",
+  $("verdict-line").replaceChildren(...[el("strong", {}, TEXTS.states[state]), open.length > 0 && el("span", { class: "ids" }, [...new Set(open)].join(", ")),
+    notes > 0 && el("span", { class: "count" }, `${notes} ${TEXTS.warnings(notes)}`)].filter(Boolean));
+  $("reasons").replaceChildren(reasons.length ? el("ul", {}, reasons.map(item)) : el("p", {}, TEXTS.noReasons),
     ...limits.map((line) => el("p", { class: "soft" }, sentence(line))));
 }
 
@@ -43,10 +47,12 @@ function tile(value, words, state = "") {
 // A file name keeps its small letter.
 const sentence = (text) => `${/^[a-z]+ /.test(text) ? text.charAt(0).toUpperCase() + text.slice(1) : text}.`;
 
-const allWarnings = () => [
-  ...content.summary.warnings.map((text) => ({ text })),
-  ...seams.flatMap((seam) => seam.warnings.map((text) => ({ text, seam }))),
-];
+// Each warning once, with the seams that have it.
+function warningsByText() {
+  const all = new Map(content.summary.warnings.map((text) => [text, []]));
+  for (const seam of seams) for (const text of seam.warnings) all.set(text, [...all.get(text) ?? [], seam]);
+  return all;
+}
 
 export function tiles() {
   const chosen = seams.filter((seam) => seam.selected);
@@ -54,7 +60,7 @@ export function tiles() {
   const worst_deg = Math.max(...known(chosen.map((s) => s.expected_error_deg)), 0);
   const least = Math.min(...known(chosen.map((s) => s.confidence)), 1);
   const fitness = known(content.summary.views.map((v) => v.fitness_after));
-  const warnings = allWarnings().length;
+  const warnings = warningsByText().size;
   const weld_s = sum(chosen.map((s) => weldOf(s.id)).filter(Boolean).map(weldTime));
   const measured = deviation?.score;
   $("tiles").replaceChildren(...[
@@ -68,25 +74,12 @@ export function tiles() {
   ].filter(Boolean));
 }
 
-// Warnings that are shown at once.
-const UNFOLDED = 3;
-
 export function warnings(onSelect) {
-  const all = allWarnings();
-  const isOpen = Boolean(document.querySelector("#warnings details[open]"));
-  $("warnings").replaceChildren();
-  if (!all.length) return;
-  const item = ({ text, seam }) => el("li", {},
+  const item = ([text, own]) => el("li", {},
     el("span", {}, sentence(text)),
-    seam && el("button", { type: "button", onclick: () => onSelect(seam.id) }, TEXTS.seam(seam.id)));
-  $("warnings").append(el("ul", {}, all.slice(0, UNFOLDED).map(item)));
-  // The picture stays on the screen, however many there are.
-  const rest = all.slice(UNFOLDED);
-  if (rest.length) {
-    $("warnings").append(el("details", { open: isOpen },
-      el("summary", {}, TEXTS.moreWarnings(rest.length)),
-      el("ul", {}, rest.map(item))));
-  }
+    own.map((seam) => el("button", { type: "button", "data-seam": seam.id, onclick: () => onSelect(seam.id) }, TEXTS.seam(seam.id))));
+  const all = [...warningsByText()];
+  $("warnings").replaceChildren(...(all.length ? [el("h3", {}, TEXTS.warningsTitle), el("ul", {}, all.map(item))] : []));
 }
 
 export function list(onSelect) {

@@ -55,6 +55,35 @@ function planeGeometry([at, toward], size_mm) {
   return new THREE.PlaneGeometry(size, size).applyQuaternion(turn).translate(...middle);
 }
 
+// Share of the picture's half that what is looked at fills at most: menus and legend lie along its rim.
+const FILLED = 0.8;
+
+// Points of the cloud that are looked through for the extent of the work; so much of its height lies on a table, so many times as far
+// as its seams it may reach from their middle, and such a share of the points on each side are strays.
+const [SAMPLED, LYING, ABOUT, STRAY] = [6000, 0.06, 1.7, 0.005];
+
+// Some points of a cloud, evenly picked, from the picture's centre.
+function sampled(cloud, count) {
+  if (!cloud) return [];
+  const { low, span } = cloud.material.uniforms;
+  const steps = cloud.geometry.attributes.position;
+  const every = Math.max(1, Math.floor(steps.count / count));
+  return Array.from({ length: Math.floor(steps.count / every) }, (_, k) => new THREE.Vector3()
+    .fromBufferAttribute(steps, k * every).multiplyScalar(span.value).add(low.value));
+}
+
+// Where a camera looks at, and how far away it stands, that sees all places from a direction, each with a margin about it, mm.
+function fitted(places, toward, margin_mm, aspect) {
+  const right = up.clone().cross(toward).normalize();
+  const above = toward.clone().cross(right);
+  const seen = places.map((p) => [right, above, toward].map((axis) => p.dot(axis)));
+  const middle = [0, 1, 2].map((k) => (Math.min(...seen.map((p) => p[k])) + Math.max(...seen.map((p) => p[k]))) / 2);
+  const slope = FILLED * Math.tan((FOV * Math.PI) / 360);
+  const needs = ([x, y, z]) => z - middle[2] + margin_mm + Math.max((Math.abs(x - middle[0]) + margin_mm) / aspect, Math.abs(y - middle[1]) + margin_mm) / slope;
+  const at = new THREE.Vector3().addScaledVector(right, middle[0]).addScaledVector(above, middle[1]).addScaledVector(toward, middle[2]);
+  return { middle: at, away: Math.max(...seen.map(needs)) };
+}
+
 export class Scene {
   constructor(canvas, layers, onFrame) {
     this.canvas = canvas;
@@ -67,6 +96,8 @@ export class Scene {
     this.controls.zoomToCursor = true;
     this.controls.maxDistance = radius * 20;
     this.controls.addEventListener("change", () => this.redraw());
+    // Whoever turns the picture keeps it as it is; until then it fits the window, however that changes.
+    this.controls.addEventListener("start", () => { this.fits = null; });
     this.groups = {};
     this.addClouds(layers);
     this.addCameras();
@@ -282,24 +313,41 @@ export class Scene {
     this.redraw();
   }
 
-  // The whole work is looked at, a seam alone where `about` is given.
+  // The whole work is looked at, a seam alone where `about` is given: as near as the window lets it be seen whole.
   look(from, about) {
     const eye = new THREE.Vector3(...content.eye);
     const level = eye.clone().addScaledVector(up, -eye.dot(up)).normalize();
     const directions = { home: eye, top: up.clone().addScaledVector(level, 0.001), front: level.addScaledVector(up, 0.04), side: level.clone().cross(up).addScaledVector(up, 0.04) };
-    const places = about ? about.line_mm.map(local) : this.places ??= seams.flatMap((s) => s.line_mm.map(local)).flatMap(upright);
-    const ball = new THREE.Sphere().setFromPoints(places.length ? places : [new THREE.Vector3(radius, 0, 0), new THREE.Vector3(-radius, 0, 0)]);
-    ball.radius += Math.max(0.3 * ball.radius, about ? 15 : 30);
-    const half = (FOV * Math.PI) / 360;
-    const wideEnough = Math.min(1, this.camera.aspect);
-    this.controls.target.copy(ball.center);
-    this.camera.position.copy(directions[from].normalize()).multiplyScalar(ball.radius / Math.sin(half) / wideEnough).add(ball.center);
+    const places = about ? about.line_mm.map(local) : this.whole ??= this.work();
+    const toward = directions[from].normalize();
+    const { middle, away } = fitted(places, toward, about ? 15 : 8, this.camera.aspect);
+    this.fits = about ? null : from;
+    this.controls.target.copy(middle);
+    this.camera.position.copy(toward).multiplyScalar(away).add(middle);
     this.controls.update();
     this.redraw();
   }
 
+  // Places that the work reaches to, from the picture's centre: its seams up to where it is highest, and the cloud about them that
+  // stands out of what lies lowest, such as a table.
+  work() {
+    const lines = seams.flatMap((s) => s.line_mm.map(local)).flatMap(upright);
+    const ball = lines.length ? new THREE.Sphere().setFromPoints(lines) : new THREE.Sphere(new THREE.Vector3(), radius);
+    const [low, high] = content.heights_mm;
+    const stands = (p) => p.dot(up) > low + LYING * (high - low) && p.distanceTo(ball.center) < ABOUT * ball.radius;
+    const cloud = sampled(this.groups.model, SAMPLED).filter(stands);
+    const bounds = [0, 1, 2].map((axis) => {
+      const sorted = cloud.map((p) => p.getComponent(axis)).sort((a, b) => a - b);
+      return [STRAY, 1 - STRAY].map((share) => sorted[Math.floor(share * (sorted.length - 1))]);
+    });
+    const kept = cloud.filter((p) => bounds.every(([least, most], axis) => p.getComponent(axis) >= least && p.getComponent(axis) <= most));
+    const corners = [-1, 1].flatMap((sign) => [0, 1, 2].map((axis) => new THREE.Vector3().setComponent(axis, sign * radius)));
+    return lines.length + kept.length ? [...lines, ...kept] : corners;
+  }
+
   // By the keyboard: turn about the target, radians, or come nearer.
   turn(about, above) {
+    this.fits = null;
     const offset = this.camera.position.clone().sub(this.controls.target);
     const side = up.clone().cross(offset).normalize();
     const angle = offset.angleTo(up);
@@ -310,6 +358,7 @@ export class Scene {
   }
 
   nearer(factor) {
+    this.fits = null;
     this.camera.position.sub(this.controls.target).multiplyScalar(factor).add(this.controls.target);
     this.controls.update();
     this.redraw();
@@ -359,6 +408,7 @@ export class Scene {
     this.camera.aspect = width / height;
     this.camera.updateProjectionMatrix();
     shared.px_at_1mm.value = (ratio * height) / (2 * Math.tan((FOV * Math.PI) / 360));
+    if (this.fits) this.look(this.fits);
     this.redraw();
   }
 

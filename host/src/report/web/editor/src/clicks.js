@@ -7,6 +7,8 @@ import { WORDS } from "../../src/texts.js";
 // place is not what is meant. Points nearer to each other than this count as one surface, mm.
 const CLICK_PX = [4, 12];
 const SURFACE_MM = 3;
+// Fewer points are no surface where there are more behind them: strays that a camera left hanging before the work.
+const SUPPORT = 3;
 // A press that moved farther turned the picture, px.
 const STILL_PX = 4;
 
@@ -29,8 +31,10 @@ function cloudAt(scene, x, y) {
   }
   if (!within.length) return null;
   const near = CLICK_PX.map((most) => within.filter((one) => one.px < most)).find((some) => some.length);
-  const front = Math.min(...near.map((one) => one.away));
-  const seen = near.filter((one) => one.away < front + SURFACE_MM);
+  near.sort((a, b) => a.away - b.away);
+  const surfaceFrom = (first) => near.filter((one) => one.away >= first.away && one.away < first.away + SURFACE_MM);
+  const front = near.find((one) => surfaceFrom(one).length >= SUPPORT) ?? near[0];
+  const seen = surfaceFrom(front);
   return seen.reduce((best, one) => (one.px < best.px ? one : best));
 }
 
@@ -88,6 +92,7 @@ export class Clicks {
     if (again) return;
     this.kind = kind;
     this.cross.hidden = false;
+    $("view").classList.add("clicking");
     $(kind.id)?.setAttribute("aria-pressed", "true");
     $("canvas").focus();
     this.changed();
@@ -97,6 +102,7 @@ export class Clicks {
   end() {
     $(this.kind.id)?.setAttribute("aria-pressed", "false");
     this.kind = null;
+    $("view").classList.remove("clicking");
     this.cross.hidden = true;
     this.places = [];
     this.marks.forEach((mark) => mark.remove());

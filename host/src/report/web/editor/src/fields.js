@@ -2,7 +2,7 @@
 
 import { el } from "../../src/dom.js";
 import { LABELS, WORDS } from "../../src/texts.js";
-import { edit } from "./server.js";
+import { act, edit } from "./server.js";
 
 const UNITS = [["_mm_s", "mm/s"], ["_mm", "mm"], ["_deg", "°"], ["_rad", "rad"], ["_kg", "kg"], ["_hz", "Hz"], ["_s", "s"]];
 const bare = (key) => key.replace(/_(mm_s|mm|deg|rad|kg|hz|s)$/, "").replaceAll("_", " ");
@@ -31,19 +31,38 @@ export function keysOf(schema, type, table) {
 
 const shown = (value) => (Array.isArray(value) ? value.join(", ") : value === undefined || value === null ? "" : String(value));
 
-function read(kind, text) {
-  if (text === "") return null;
-  if (kind === "number") return Number(text);
-  if (kind !== "list") return text;
-  const numbers = text.split(",").map((one) => Number(one));
-  return numbers.length === 3 && numbers.every(Number.isFinite) ? numbers : undefined;
+// A number as people write it, with a point or a comma; null where none can be read, or two can.
+export function decimal(text) {
+  if (!/^[+-]?(\d+([.,]\d*)?|[.,]\d+)(e[+-]?\d+)?$/i.test(text)) return null;
+  const value = Number(text.replace(",", "."));
+  return Number.isFinite(value) ? value : null;
 }
+
+// 1,500 may be one and a half, or fifteen hundred.
+const isAmbiguous = (text) => /^[+-]?[1-9]\d{0,2},\d{3}$/.test(text);
+
+// What was typed as a value, or why it is none: { value } or { words }. Nothing typed takes the setting back.
+export function read(kind, text) {
+  if (text === "") return { value: null };
+  if (kind === "number") {
+    const value = decimal(text);
+    if (isAmbiguous(text)) return { words: WORDS.ambiguous(text, String(value), text.replace(",", "")) };
+    return value === null ? { words: WORDS.badNumber(text) } : { value };
+  }
+  if (kind !== "list") return { value: text };
+  const numbers = text.split(text.includes(";") ? ";" : ",").map((one) => decimal(one.trim()));
+  return numbers.length === 3 && numbers.every((one) => one !== null) ? { value: numbers } : { words: WORDS.badList };
+}
+
+// A slip of the decimal point: a change by this factor is marked.
+const TENFOLD = 10;
+const isTenfold = (before, now) => [before, now].every((one) => typeof one === "number" && one !== 0) && Math.max(Math.abs(now / before), Math.abs(before / now)) >= TENFOLD;
 
 function control(what, id, attributes) {
   if (what.kind === "choice") {
     return el("select", { id, ...attributes }, el("option", { value: "" }, ""), what.options.map(({ value, about }) => el("option", { value, title: about }, value)));
   }
-  if (what.kind === "number") return el("input", { id, type: "number", step: what.step, min: what.least, max: what.most, ...attributes });
+  if (what.kind === "number") return el("input", { id, type: "text", inputmode: "decimal", autocomplete: "off", ...attributes });
   return el("input", { id, type: "text", autocomplete: "off", spellcheck: "false", ...attributes });
 }
 
@@ -58,20 +77,24 @@ export function field(schema, type, table, key, save) {
   const about = el("span", { id: `${id}-about`, class: "about" }, limits);
   const refusal = el("p", { id: `${id}-refusal`, class: "refusal", role: "alert", hidden: true });
   const input = control(what, id, { "data-key": `${table}.${key}`, title: property.description, "aria-describedby": `${id}-about ${id}-refusal` });
-  const reset = el("button", { type: "button", class: "reset", "aria-label": WORDS.reset(name), title: WORDS.reset(name), onclick: () => store(null) }, "×");
-  async function store(value) {
-    const words = value === undefined ? WORDS.badList : await save(value);
+  const reset = el("button", { type: "button", class: "reset", "aria-label": WORDS.reset(name), title: WORDS.reset(name), onclick: () => store({ value: null }) }, "×");
+  const slip = el("p", { class: "slip", role: "status", hidden: true });
+  let current;
+  async function store({ value, words: unread }) {
+    const before = current;
+    const words = unread ?? await save(value);
     refusal.hidden = !words;
     refusal.textContent = words ?? "";
     input.setAttribute("aria-invalid", String(Boolean(words)));
+    slip.hidden = Boolean(words) || !isTenfold(before, value);
+    slip.replaceChildren(WORDS.tenfold(shown(before), shown(value), unitOf(key)), " ",
+      el("button", { type: "button", onclick: async () => { slip.hidden = true; await act("undo"); input.focus(); } }, WORDS.undo));
   }
-  input.addEventListener("change", () => {
-    // What a browser takes for no number is no wish to take the setting back.
-    if (input.validity.badInput) input.reportValidity();
-    else store(read(what.kind, input.value.trim()));
-  });
-  const row = el("div", { class: "field" }, el("label", { for: id }, name), input, reset, about, refusal);
+  input.addEventListener("change", () => store(read(what.kind, input.value.trim())));
+  const row = el("div", { class: "field" }, el("label", { for: id }, name), input, reset, about, refusal, slip);
   row.update = (said, holds) => {
+    current = said ?? holds;
+    if (what.kind === "number") about.textContent = said === undefined || said === null ? limits : WORDS.holds(shown(said), unitOf(key), limits);
     reset.hidden = said === undefined || said === null;
     row.classList.toggle("said", !reset.hidden);
     const below = shown(holds);

@@ -2,8 +2,9 @@
 // can be clicked, and puts another plan in its place: the numbers alone where the cloud is the same, else the whole page.
 
 import { $, el } from "../../src/dom.js";
-import { LANGUAGE, WORDS } from "../../src/texts.js";
+import { GROUPS, LABELS, LANGUAGE, WORDS } from "../../src/texts.js";
 import { act, content, edit, follow, onState, schema as ofJob } from "./server.js";
+import { Files } from "./files.js";
 import { parts } from "./panel.js";
 import { Ends } from "./ends.js";
 import { Clicks } from "./clicks.js";
@@ -22,10 +23,10 @@ const scopeNow = () => (target() ? { seam: target() } : own.scope === "joint" &&
 
 const button = (id, text, title, onclick) => el("button", { type: "button", id, title, onclick }, text);
 
-const strip = el("section", { id: "strip", "aria-label": WORDS.toolbar });
 const bar = el("progress", { max: 100, hidden: true, "aria-label": WORDS.plan });
 const said = el("p", { id: "said", role: "status" });
 const failed = el("p", { id: "failed", role: "alert", hidden: true });
+const files = new Files((words) => tell(words));
 let note = "";
 
 function toolbar() {
@@ -36,8 +37,11 @@ function toolbar() {
     button("cancel", WORDS.cancel, WORDS.cancelHint, () => act("cancel")),
     button("copy", WORDS.copy, WORDS.copyHint, copy),
     ...Object.values(clicks ? KINDS : {}).map((kind) => button(kind.id, kind.text, kind.title, () => begin(kind))));
-  strip.append(tools, bar, said, failed);
-  document.querySelector("header.bar").after(strip);
+  document.querySelector("header.bar .names").after(tools);
+  const verdict = $("verdict");
+  if (verdict) verdict.after(bar, said, files.box);
+  else $("status").append(bar, said);
+  $("status").append(failed);
 }
 
 // What is asked for by clicks on the cloud, by its key.
@@ -69,6 +73,8 @@ const KINDS = {
 };
 
 function begin(kind) {
+  // Nothing that is unfolded lies over what is clicked.
+  for (const name of ["verdict", "files"]) $(name).open = false;
   clicks?.toggle(kind);
 }
 
@@ -110,13 +116,15 @@ async function copy() {
   }
 }
 
+const isRefused = () => page?.content.summary.verdict.state === "refused";
+
 function status(state) {
   const { running, drawing, failure, unplanned, undo, redo } = state;
   bar.hidden = !running;
   if (running) bar.value = running[1];
   said.textContent = running ? WORDS.planning(WORDS.stages[running[0]] ?? running[0])
-    : note || (drawing ? WORDS.drawing : unplanned ? WORDS.unplanned : state.plan ? WORDS.planned(state.out) : WORDS.nothing);
-  strip.classList.toggle("unplanned", unplanned && !running && !drawing);
+    : note || (drawing ? WORDS.drawing : unplanned ? WORDS.unplanned : !state.plan ? WORDS.nothing : isRefused() ? WORDS.plannedRefused : WORDS.planned(state.out));
+  $("status").classList.toggle("unplanned", unplanned && !running && !drawing);
   failed.hidden = !failure;
   failed.textContent = failure ? `${failure.message} (${failure.hint})` : "";
   $("plan").disabled = Boolean(running);
@@ -125,6 +133,7 @@ function status(state) {
   $("undo").title = WORDS.undoHint(undo);
   $("redo").disabled = !redo;
   $("redo").title = WORDS.redoHint(redo);
+  files.show(state);
 }
 
 // A box before each seam of the report's list.
@@ -179,12 +188,41 @@ function move(id, by) {
   change({ edit: "order", seams: order });
 }
 
-// What a person drew, a person looks at each time.
-const NEVER_ACCEPTED = ["drawn"];
+// What a person drew, a person looks at each time; and without a seam there is nothing to confirm.
+const NEVER_ACCEPTED = ["drawn", "no-seam", "sparse"];
+
+// Keys of the job that a text names, as in [tool] or approach_mm: each with the group of settings that it stands in.
+const GROUP_OF_REASON = { infeasible: "robot", "odd-posture": "robot", "dialect-and-arm-differ": "robot", "first-move-unchecked": "robot" };
+const KEYS = new Map(Object.entries(LABELS).filter(([table]) => GROUPS[table] || table === "tool").flatMap(([table, keys]) => Object.keys(keys).map((key) => [key, table])));
+function groupNamedIn(text, id) {
+  const table = [...text.matchAll(/\[(\w+)\]/g)].map(([, name]) => name).find((name) => GROUPS[name] || name === "tool" || name === "robot");
+  const key = !table && text.match(/\b[a-z]+(_[a-z]+)+\b/g)?.find((word) => KEYS.has(word));
+  const group = table ?? (key ? KEYS.get(key) : GROUP_OF_REASON[id]);
+  return group && { group, key };
+}
+
+// A button behind a text that leads to the setting it names: of its seam, or of the whole job.
+function leads() {
+  for (const item of document.querySelectorAll("#reasons li, #warnings li")) {
+    const found = groupNamedIn(item.textContent, item.querySelector("code")?.textContent);
+    if (!found || item.querySelector(".lead")) continue;
+    const { group, key } = found;
+    const seam = item.querySelector("button[data-seam]");
+    const name = group === "robot" ? WORDS.robot : GROUPS[group] ?? WORDS[group];
+    item.append(el("button", { type: "button", class: "lead", "data-lead": group, title: WORDS.leadHint(name), onclick: () => {
+      $("verdict").open = false;
+      if (seam && key) seam.click();
+      showGroup(group, seam && key ? "seam" : "job");
+      const field = key ? document.querySelector(`#settings [data-key="${group}.${key}"]`) : document.querySelector(group === "robot" ? "#set-robot" : `#settings [data-group="${group}"] summary`);
+      field?.focus();
+      field?.scrollIntoView({ block: "center" });
+    } }, WORDS.lead(name)));
+  }
+}
 
 // "I have checked this" beside the first of each reason of the verdict: a job accepts all of one kind, or none.
 function reasons() {
-  const items = [...document.querySelectorAll("#verdict li")];
+  const items = [...document.querySelectorAll("#reasons li")];
   const ids = items.map((item) => item.querySelector("code").textContent);
   items.forEach((item, k) => {
     const id = ids[k];
@@ -228,7 +266,7 @@ function render(state) {
   status(state);
   if (!page || !own.schema) return;
   showTicks(state);
-  for (const box of document.querySelectorAll("#verdict input")) box.checked = state.job.accept.includes(box.dataset.reason);
+  for (const box of document.querySelectorAll("#reasons input")) box.checked = state.job.accept.includes(box.dataset.reason);
   const id = target();
   const where = scopeNow();
   const name = JSON.stringify(where);
@@ -285,20 +323,22 @@ const stored = () => JSON.parse(sessionStorage.getItem(STORE) ?? "{}");
 function keep() {
   const { scene, state } = page;
   const camera = scene && { position: scene.camera.position.toArray(), target: scene.controls.target.toArray() };
-  sessionStorage.setItem(STORE, JSON.stringify({ seam: state.seam, scope: own.scope, open: openGroups(), camera, scroll: [scrollX, scrollY] }));
+  sessionStorage.setItem(STORE, JSON.stringify({ seam: state.seam, scope: own.scope, open: openGroups(), camera: scene?.fits ? null : camera, scroll: $("panel").scrollTop, reasons: $("verdict").open }));
 }
 
 function restore() {
-  const { seam, scope: last, camera, scroll } = stored();
+  const { seam, scope: last, camera, scroll, reasons: unfolded } = stored();
   own.scope = last ?? "seam";
   if (seamIds.includes(seam)) document.querySelector(`#seams tr[data-seam="${seam}"]`).click();
   if (camera && page.scene) {
+    page.scene.fits = null;
     page.scene.camera.position.fromArray(camera.position);
     page.scene.controls.target.fromArray(camera.target);
     page.scene.controls.update();
     page.scene.redraw();
   }
-  if (scroll) scrollTo(...scroll);
+  if (unfolded !== undefined) $("verdict").open = unfolded;
+  $("panel").scrollTop = scroll ?? 0;
 }
 
 if (!page) {
@@ -322,6 +362,7 @@ keyboard();
 if (page) {
   ticks();
   reasons();
+  leads();
   panel();
   restore();
   addEventListener("pagehide", keep);
@@ -329,7 +370,7 @@ if (page) {
 }
 
 // What is in focus of the lists that are made anew with each plan: a box, by what it is about.
-const LISTED = ["#seams tr[data-seam] input", "#seams tr[data-seam] td button", "#verdict input"];
+const LISTED = ["#seams tr[data-seam] input", "#seams tr[data-seam] td button", "#reasons input"];
 const about = (element) => element.dataset.reason ?? element.closest("tr")?.dataset.seam;
 function focused() {
   const list = LISTED.find((selector) => document.activeElement?.matches(selector));
@@ -345,6 +386,7 @@ async function takePlan() {
   page.renew(last.content);
   ticks();
   reasons();
+  leads();
   refocus();
   own.plan = last.plan;
   $("editor").dataset.plan = last.plan;
@@ -373,7 +415,7 @@ onState((state) => {
 ofJob().then((schema) => {
   own.schema = schema;
   return follow((gone) => {
-    strip.classList.toggle("gone", gone);
+    $("status").classList.toggle("gone", gone);
     if (gone) said.textContent = WORDS.gone;
   });
 });

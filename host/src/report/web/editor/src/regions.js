@@ -3,6 +3,7 @@
 
 import { el } from "../../src/dom.js";
 import { WORDS } from "../../src/texts.js";
+import { read } from "./fields.js";
 import { edit } from "./server.js";
 
 // A box that is clicked reaches so far beyond the places that it holds; a plane lies so far off the face that is clicked, mm.
@@ -22,17 +23,18 @@ export function beyond({ mm, normal }) {
 // Two rows of three numbers; `save(rows)` takes them when all are there, and answers with the words of a refusal or nothing.
 function numbers(name, rows, save) {
   const refusal = el("p", { class: "refusal", role: "alert", hidden: true });
-  const inputs = rows.map((row) => ["x", "y", "z"].map((axis) => el("input", { type: "number", step: "any", "aria-label": `${name}, ${row}, ${axis}`, onchange: store })));
-  const read = () => inputs.map((row) => row.map((input) => (input.value === "" ? NaN : Number(input.value))));
+  const inputs = rows.map((row) => ["x", "y", "z"].map((axis) => el("input", { type: "text", inputmode: "decimal", autocomplete: "off", "aria-label": `${name}, ${row}, ${axis}`, onchange: store })));
+  const typed = () => inputs.map((row) => row.map((input) => read("number", input.value.trim())));
+  const values = () => typed().map((row) => row.map(({ value }) => value ?? NaN));
   async function store() {
-    const values = read();
-    const words = values.flat().every(Number.isFinite) ? await save(values) : null;
+    const unread = typed().flat().find((one) => one.words)?.words;
+    const words = unread ?? (values().flat().every(Number.isFinite) ? await save(values()) : null);
     refusal.hidden = !words;
     refusal.textContent = words ?? "";
   }
   const lines = inputs.map((row, k) => el("div", { class: "corner" }, el("span", {}, rows[k]), row));
   const box = el("fieldset", {}, el("legend", {}, name), lines, refusal);
-  box.read = read;
+  box.read = values;
   box.show = (values) => inputs.forEach((row, k) => row.forEach((input, axis) => {
     if (document.activeElement !== input) input.value = values ? values[k][axis] : "";
   }));

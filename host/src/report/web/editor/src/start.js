@@ -9,7 +9,7 @@ const input = el("input", { id: "input", type: "text", autocomplete: "off", spel
 const out = el("input", { id: "out", type: "text", autocomplete: "off", spellcheck: "false" });
 const buttons = [
   el("button", { id: "open", title: WORDS.openHint }, WORDS.open),
-  el("button", { id: "example", type: "button", title: WORDS.exampleHint, onclick: () => choose({ choose: "example" }, WORDS.simulating) }, WORDS.example),
+  el("button", { id: "example", class: "big", type: "button", title: WORDS.exampleHint, onclick: () => choose({ choose: "example" }, WORDS.simulating) }, WORDS.example),
 ];
 
 async function choose(choice, words) {
@@ -47,9 +47,11 @@ async function follow() {
 function form({ out: usual, example }) {
   out.placeholder = usual;
   const field = (control, label, about) => el("div", { class: "field" }, el("label", { for: control.id }, label), control, el("span", { class: "about" }, about));
-  const box = el("form", { class: "card" }, el("h2", {}, WORDS.openTitle),
+  const [open, tryIt] = buttons;
+  const box = el("form", { class: "card" }, tryIt, el("p", { class: "soft" }, WORDS.exampleAbout(example)),
+    el("h2", {}, WORDS.openTitle),
     field(input, WORDS.input, WORDS.inputAbout), field(out, WORDS.results, WORDS.resultsAbout(usual)),
-    el("div", { class: "actions" }, buttons), el("p", { class: "soft" }, WORDS.exampleAbout(example)), said, failed);
+    el("div", { class: "actions" }, open), said, failed);
   box.addEventListener("submit", (event) => {
     event.preventDefault();
     choose({ choose: "input", input: input.value.trim() }, WORDS.opening);
