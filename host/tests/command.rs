@@ -23,7 +23,7 @@ fn home() -> tempfile::TempDir {
 fn wrong_usage_is_2_and_says_what_is_right() {
     let home = home();
     for (arguments, part) in [
-        (vec![], "Usage"),
+        (vec![], "weldpath --help"),
         (vec!["plan"], "INPUT"),
         (vec!["plan", "flat.xyz", "--feed-mm-s", "nan"], "0.1 to 250 mm/s"),
         (vec!["plan", "flat.xyz", "--feed-mm-s", "0"], "at least 0.1 mm/s"),

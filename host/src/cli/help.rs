@@ -122,8 +122,24 @@ fn examples(name: &str) -> impl Iterator<Item = (&'static str, &'static str)> {
     found.into_iter().flat_map(|(_, examples)| examples.iter().copied())
 }
 
+/// What `weldpath` alone prints.
+const START: [(&str, &str); 3] = [
+    ("weldpath plan SCAN", "seams, torch paths and a robot program for a scan: a folder, a cloud or a mesh"),
+    if cfg!(feature = "open") {
+        ("weldpath open", "no scan yet? an example in the browser; `weldpath open SCAN` plans yours there")
+    } else {
+        ("weldpath simulate --part fillet --out scan", "no scan yet? this makes one to try")
+    },
+    ("weldpath --help", "all commands; `weldpath COMMAND --help` explains one"),
+];
+
 /// The arguments of this run; what is wrong with them is told, and the exit code returned.
 pub(super) fn parse() -> Result<Cli, ExitCode> {
+    if std::env::args_os().len() < 2 {
+        let wide = START.iter().map(|(command, _)| command.len()).max().unwrap_or_default();
+        START.iter().for_each(|(command, about)| tell(&format!("{command:wide$}  {about}")));
+        return Err(ExitCode::from(Exit::Usage as u8));
+    }
     let parsed = command().try_get_matches().and_then(|matches| Cli::from_arg_matches(&matches));
     parsed.map_err(|error| {
         // Without a terminal to write to there is nobody to tell.

@@ -33,7 +33,7 @@ use super::{Exit, Failure, print, table, tell, whole};
 /// Plan the torch paths of all seams in a scan
 ///
 /// INPUT is a folder with scan.json (depth images or clouds with robot poses), or one cloud or mesh: PLY, PCD, XYZ,
-/// CSV, STL, OBJ. No option is needed: what depends on the data is derived from it and printed.
+/// CSV, STL, OBJ. No option is needed: what depends on the data is derived from it (--verbose prints it).
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
     /// Folder with scan.json, or one cloud or mesh
@@ -161,6 +161,9 @@ pub(super) struct Args {
     /// Print nothing but errors
     #[arg(long, short)]
     quiet: bool,
+    /// Print all reasons, what was measured of each seam, what was derived from the data, and how each view moved
+    #[arg(long, short, conflicts_with_all = ["quiet", "json"])]
+    verbose: bool,
     /// Print summary.json instead of the table
     #[arg(long, conflicts_with = "quiet")]
     json: bool,
@@ -215,7 +218,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     match (args.quiet, args.json) {
         (true, _) => {}
         (_, true) => print(&output.summary.to_json())?,
-        _ => print(&table::result(plan, &output, &source, &args.out))?,
+        _ => print(&table::result(plan, &output, &source, &args.out, args.verbose))?,
     }
     if is_kept && !args.quiet {
         tell("note: the seams are those that were found in this scan before; --no-cache seeks them anew");

@@ -12,10 +12,12 @@ use weldpath::weld::position::Position;
 
 use super::warnings;
 
-/// Seams, what was derived, warnings, and where the files are.
-pub(super) fn result(plan: &Plan, output: &Output, source: &Source, out: &Path) -> String {
+/// Verdict, seams, warnings, and where the files are; `verbose` adds what was measured and derived.
+pub(super) fn result(plan: &Plan, output: &Output, source: &Source, out: &Path, verbose: bool) -> String {
     let mut text = String::new();
-    output.summary.verdict().lines().iter().for_each(|reason| line(&mut text, reason));
+    let verdict = output.summary.verdict();
+    let reasons = if verbose { verdict.lines() } else { verdict.short_lines() };
+    reasons.iter().for_each(|reason| line(&mut text, reason));
     text += &format!(
         "{:>4}  {:<8} {:<8} {:>10} {:>7} {:>11}  {:<19}  {}\n",
         "seam", "joint", "position", "length", "points", "confidence", "expected error", "within the scan"
@@ -23,19 +25,17 @@ pub(super) fn result(plan: &Plan, output: &Output, source: &Source, out: &Path) 
     for seam in &plan.seams {
         text.push_str(&row(seam, output));
     }
-    for seam in plan.seams.iter().filter(|seam| !seam.dimensions.is_empty()) {
-        let measured: Vec<String> = seam.dimensions.iter().map(Dimension::to_string).collect();
-        line(&mut text, &format!("seam {}: {}", seam.id, measured.join(", ")));
-    }
     for note in &source.notes {
         line(&mut text, note);
     }
-    for derived in &plan.derived.parameters {
-        line(&mut text, &format!("{} = {} ({})", derived.name, significant(derived.value), derived.how));
+    if verbose {
+        derived(&mut text, plan);
     }
-    plan.derived.views.iter().for_each(|view| line(&mut text, &registration(view)));
-    plan.derived.base_frame.iter().for_each(|found| line(&mut text, &cell(found)));
-    plan.derived.camera.iter().for_each(|found| line(&mut text, &camera(found)));
+    // What was changed in what the user stated is always said.
+    let corrected = |found: &&BaseFrame| verbose || found.hand_eye.is_applied;
+    plan.derived.base_frame.iter().filter(corrected).for_each(|found| line(&mut text, &cell(found)));
+    let significant = |found: &&CameraFinding| verbose || found.is_significant;
+    plan.derived.camera.iter().filter(significant).for_each(|found| line(&mut text, &camera(found)));
     let seams =
         plan.seams.iter().flat_map(|seam| seam.warnings.iter().map(|w| format!("seam {}: {w}", seam.id)));
     let all: Vec<String> = output.summary.warnings().iter().cloned().chain(seams).collect();
@@ -45,6 +45,18 @@ pub(super) fn result(plan: &Plan, output: &Output, source: &Source, out: &Path) 
     let names: Vec<&str> = output.files.iter().map(|file| file.name.as_str()).collect();
     line(&mut text, &format!("{}: {}", out.display(), names.join(", ")));
     text
+}
+
+/// What was measured of each seam, derived from the data, and how each view moved.
+fn derived(text: &mut String, plan: &Plan) {
+    for seam in plan.seams.iter().filter(|seam| !seam.dimensions.is_empty()) {
+        let measured: Vec<String> = seam.dimensions.iter().map(Dimension::to_string).collect();
+        line(text, &format!("seam {}: {}", seam.id, measured.join(", ")));
+    }
+    for derived in &plan.derived.parameters {
+        line(text, &format!("{} = {} ({})", derived.name, significant(derived.value), derived.how));
+    }
+    plan.derived.views.iter().for_each(|view| line(text, &registration(view)));
 }
 
 fn line(text: &mut String, line: &str) {
@@ -185,7 +197,7 @@ mod tests {
     fn the_result_names_seams_parameters_warnings_and_files() {
         let source = Source { notes: vec!["units: metres".into()], ..Source::default() };
         let output = postprocess(&plan(), &Job::default(), source.clone()).unwrap();
-        let text = result(&plan(), &output, &source, Path::new("out"));
+        let text = result(&plan(), &output, &source, Path::new("out"), true);
         let lines: Vec<&str> = text.lines().collect();
         assert!(
             lines[0].starts_with("verdict: check") && lines[1].starts_with("tool-not-stated: "),
@@ -198,5 +210,9 @@ mod tests {
         assert_eq!(lines[6], "warning: view 3 overlaps too little");
         assert!(lines.contains(&"warning: seam 1: the last 20 mm were seen by one view only"));
         assert!(lines[lines.len() - 1].starts_with("out: path.csv, path.json, path.script, model.ply"));
+        // What was derived is for those who ask for it.
+        let short = result(&plan(), &output, &source, Path::new("out"), false);
+        let left_out: Vec<&str> = lines.into_iter().filter(|line| !short.contains(line)).collect();
+        assert_eq!(left_out, ["voxel_mm = 0.80 (twice the mean spacing)"]);
     }
 }

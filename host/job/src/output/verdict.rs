@@ -223,12 +223,32 @@ impl Verdict {
 
     /// The verdict in lines: the state, every reason with its id, and what was not looked at.
     pub fn lines(&self) -> Vec<String> {
+        self.with_reasons(self.reasons.iter().map(Reason::line))
+    }
+
+    /// The same with one line for all reasons that have the same id: the first of them, and how many more there are.
+    pub fn short_lines(&self) -> Vec<String> {
+        let alike = |one: &Reason, other: &Reason| (one.id, one.accepted) == (other.id, other.accepted);
+        let is_first =
+            |(at, reason): &(usize, &Reason)| !self.reasons[..*at].iter().any(|before| alike(before, reason));
+        let counted = |(_, reason): (usize, &Reason)| match self
+            .reasons
+            .iter()
+            .filter(|other| alike(other, reason))
+            .count()
+        {
+            1 => reason.line(),
+            count => format!("{} (and {} more: --verbose lists them)", reason.line(), count - 1),
+        };
+        self.with_reasons(self.reasons.iter().enumerate().filter(is_first).map(counted))
+    }
+
+    fn with_reasons(&self, reasons: impl Iterator<Item = String>) -> Vec<String> {
         let state = match self.state {
             State::Ready => "verdict: ready",
             State::Check => "verdict: check, a person has to confirm:",
             State::Refused => "verdict: refused, no program is written:",
         };
-        let reasons = self.reasons.iter().map(Reason::line);
         std::iter::once(state.to_owned()).chain(reasons).chain(self.limits.iter().cloned()).collect()
     }
 }
@@ -239,6 +259,20 @@ mod tests {
 
     fn verdict(ids: &[ReasonId], accepted: &[ReasonId]) -> Verdict {
         Verdict::new(ids.iter().map(|id| Finding::new(*id, "why")), accepted)
+    }
+
+    #[test]
+    fn reasons_of_one_kind_share_a_short_line_and_none_is_lost() {
+        let ids = [ReasonId::TorchCollision, ReasonId::ToolNotStated, ReasonId::TorchCollision];
+        let verdict = verdict(&ids, &[]).with_limits(vec!["not looked at".into()]);
+        assert_eq!(verdict.lines().len(), 5);
+        let short = verdict.short_lines();
+        assert_eq!(short.len(), 4, "{short:?}");
+        assert!(
+            short.iter().any(|line| line == "torch-collision: why (and 1 more: --verbose lists them)"),
+            "{short:?}"
+        );
+        assert!(short.contains(&"tool-not-stated: why".to_owned()) && short[3] == "not looked at");
     }
 
     #[test]
