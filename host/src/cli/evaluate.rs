@@ -78,6 +78,8 @@ struct Evaluation {
     /// What the best rigid motion onto the truth leaves, which is not of the registration.
     /// None where most points belong to no seam, and a motion onto the seams means nothing.
     aligned: Option<Moved>,
+    /// The largest errors that the plan states; none without `summary.json`.
+    stated: Option<Stated>,
     /// Per view, as `summary.json` has them; empty without one.
     fitness: Vec<Fitness>,
 }
@@ -102,6 +104,14 @@ impl Moved {
         let evaluation::Aligned { moved_mm, turned_deg, .. } = aligned;
         Self { moved_mm, turned_deg, rmse_mm: left.rmse_mm, rmse_deg: left.rmse_deg }
     }
+}
+
+/// One standard deviation across the seam, of the seam that is worst known.
+#[derive(Debug, Serialize)]
+struct Stated {
+    /// In the frame of the path.
+    expected_mm: f64,
+    within_scan_mm: f64,
 }
 
 #[derive(Debug, Serialize)]
@@ -154,11 +164,13 @@ fn against(args: &Args, dir: &Path, truth: &Path) -> Result<(), Failure> {
     let options = Options { target: args.target, standoff_mm: standoff_mm(args, dir)?, ..Options::default() };
     let points: Vec<[f64; 3]> = paths.points_mm.iter().map(|&p| p.into()).collect();
     let score = score(&paths, &truth, &options);
+    let summary = summary(dir);
     let evaluation = Evaluation {
         aligned: (score.false_share < MOSTLY_FALSE).then(|| Moved::onto(&truth, &paths, &options)),
         score,
         f1: f1(&points, &truth.visible_mm(args.target), CELL_MM),
-        fitness: fitness(dir),
+        stated: stated(&summary),
+        fitness: fitness(&summary),
     };
     if args.report {
         add_to_report(args, dir, &report::deviation(&paths, &truth, &options))?;
@@ -204,10 +216,21 @@ fn standoff_mm(args: &Args, dir: &Path) -> Result<f64, Failure> {
     }
 }
 
-/// Fitness per view from the plan's summary; a lone path has none.
-fn fitness(dir: &Path) -> Vec<Fitness> {
+/// The plan's summary; nothing beside a lone path.
+fn summary(dir: &Path) -> serde_json::Value {
     let text = std::fs::read_to_string(dir.join("summary.json")).unwrap_or_default();
-    let summary: serde_json::Value = serde_json::from_str(&text).unwrap_or_default();
+    serde_json::from_str(&text).unwrap_or_default()
+}
+
+fn stated(summary: &serde_json::Value) -> Option<Stated> {
+    let selected =
+        || summary["seams"].as_array().into_iter().flatten().filter(|seam| seam["selected"] == true);
+    let largest = |key: &str| selected().filter_map(|seam| seam[key].as_f64()).reduce(f64::max);
+    Some(Stated { expected_mm: largest("expected_error_mm")?, within_scan_mm: largest("relative_mm")? })
+}
+
+/// Fitness per view.
+fn fitness(summary: &serde_json::Value) -> Vec<Fitness> {
     let view = |view: &serde_json::Value| {
         Some(Fitness {
             view: view["name"].as_str()?.to_owned(),
@@ -226,6 +249,14 @@ fn table(evaluation: &Evaluation) -> String {
         let _ = writeln!(text, "{name:<22} {value}");
     };
     line("position RMSE", format!("{} mm, 95 % below {} mm", number(score.rmse_mm), number(score.p95_mm)));
+    if let Some(Stated { expected_mm, within_scan_mm }) = &evaluation.stated {
+        line(
+            "stated",
+            format!(
+                "up to {expected_mm:.3} mm, within the scan {within_scan_mm:.3} mm (one standard deviation)"
+            ),
+        );
+    }
     line("orientation RMSE", format!("{} deg", number(score.rmse_deg)));
     line("coverage", format!("{:.1} % of the visible required seams", 100.0 * score.coverage));
     line("false path points", format!("{:.1} % of {}", 100.0 * score.false_share, score.points));

@@ -82,10 +82,11 @@ fn start(how: How, out: Option<&Path>) -> Result<Start, Failure> {
     let absolute = |path: &Path| std::path::absolute(path).map_err(|error| Failure::new(Exit::Output, error));
     let (usual, example) = (absolute(out.unwrap_or(Path::new(OUT)))?, absolute(Path::new(EXAMPLE))?);
     let (given, folder) = (out.map(Path::to_path_buf), example.clone());
+    let example_job = folder.join(simulate::JOB);
     let choose = move |choice: &Choice| {
         let (input, out) = match choice {
             Choice::Input { input, out } => (Ok(input), out),
-            Choice::Example { out } => (simulate_example(&folder, how.folder).map(|()| &folder), out),
+            Choice::Example { out } => (simulate_example(&folder, how.folder).map(|()| &example_job), out),
         };
         let out = out.as_deref().or(given.as_deref());
         let opened = input.and_then(|input| how.opened(input, out));
@@ -102,7 +103,9 @@ fn simulate_example(folder: &Path, args: FolderArgs) -> Result<(), Failure> {
     simulate::keep_real_scans(folder)?;
     let failure = |error: simulation::Error| Failure::new(Exit::Output, error);
     let scan = simulation::simulate(&simulation::Request::new(Part::Cruciform, 1)).map_err(failure)?;
-    Folder::new(folder, args, true).write(&simulation::files(&scan).map_err(failure)?)
+    let mut files = simulation::files(&scan).map_err(failure)?;
+    files.push(simulate::job(None));
+    Folder::new(folder, args, true).write(&files)
 }
 
 /// How whatever is opened is read and written.

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
+use weldpath::files::File;
 use weldpath::input;
 use weldpath::simulation;
 use weldpath::simulation::{
@@ -226,10 +227,44 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         (None, Some(mesh)) => simulation::simulate_mesh(&of_mesh(args, mesh)?).map_err(failure)?,
         (None, None) => return Err(Failure::new(Exit::Usage, "neither --part nor --mesh is given")),
     };
-    Folder::new(&args.out, args.folder, args.quiet).write(&simulation::files(&scan).map_err(failure)?)?;
+    let mut files = simulation::files(&scan).map_err(failure)?;
+    files.push(job(args.cell.errors()));
+    Folder::new(&args.out, args.folder, args.quiet).write(&files)?;
     let (out, views, seams) = (args.out.display(), scan.views.len(), scan.truth.seams.len());
-    let text = format!("{out}: {views} views, {seams} seams in truth.json\nnext: weldpath plan {out}\n");
+    let text = format!(
+        "{out}: {views} views, {seams} seams in truth.json, what is known of the cell in {JOB}\nnext: weldpath plan --job {}\n",
+        args.out.join(JOB).display()
+    );
     if args.quiet { Ok(()) } else { print(&text) }
+}
+
+/// The job that belongs to a simulated scan.
+pub(super) const JOB: &str = "cell.toml";
+
+/// What nobody can see in a scan: how exact its poses are, and a torch on the flange.
+pub(super) fn job(cell: Option<CellErrors>) -> File {
+    let known = match cell {
+        None => "anchor = \"first\"                    # the first view's pose is exact, the others are 1 to 3 mm off\n".to_owned(),
+        Some(CellErrors { hand_eye_mm, hand_eye_deg, robot_mm, robot_deg, first_exact, .. }) => {
+            let anchor = if first_exact { "anchor = \"first\"                    # the first view's pose is exact\n" } else { "" };
+            // One that is exact is stated as well as it can be.
+            let stated = |value: f64, least: f64| value.max(least);
+            format!(
+                "{anchor}robot_mm = {}                      # one standard deviation of each axis\nrobot_deg = {}\nhand_eye_mm = {}\nhand_eye_deg = {}\n",
+                stated(robot_mm, 0.01),
+                stated(robot_deg, 0.01),
+                stated(hand_eye_mm, 0.01),
+                stated(hand_eye_deg, 0.01)
+            )
+        }
+    };
+    let text = format!(
+        "# What a scan does not show of the cell in which it was made: here, of a simulated one.\ninput = \".\"\n\n\
+         [scan]\n{known}\n\
+         [tool]                              # a torch on the flange; mm, radians, kg\n\
+         flange_from_tcp_mm = [0, 0, 300]\nflange_from_tcp_rotation_rad = [0, 0, 0]\npayload_kg = 2.5\npayload_centre_mm = [0, 0, 80]\n"
+    );
+    File::new(JOB, text)
 }
 
 fn request(args: &Args, part: Part) -> Request {

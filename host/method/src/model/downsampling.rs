@@ -29,19 +29,19 @@ impl Default for VoxelConfig {
 }
 
 /// Which voxels are kept: those that hold enough points to be no flying pixels.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Occupancy {
     /// Points of a voxel that is kept whatever surrounds it.
     pub least: u32,
-    /// Points of a voxel and its neighbours on a face that few views saw, or that they saw at a slant. It is known by its even
-    /// spread: a voxel is kept, too, that holds what its neighbours do.
-    pub least_around: f32,
+    /// Whether a view that looks straight at a face rarely puts as many there. Then a face that few views saw, or that they saw at
+    /// a slant, is known by its even spread: a voxel is kept that holds what its neighbours do.
+    pub thin: bool,
 }
 
 impl Occupancy {
     /// Every voxel that holds so many points, and no other.
     pub fn of(least: u32) -> Self {
-        Self { least, least_around: f32::INFINITY }
+        Self { least, thin: false }
     }
 }
 
@@ -56,8 +56,6 @@ pub struct Scale {
     pub spacing_mm: f32,
     /// Noise of the points, mm.
     pub noise_mm: f32,
-    /// Whether the views were merged elsewhere: then density says nothing of who saw what.
-    is_merged: bool,
     /// Which of the lengths decided `edge_mm`.
     pub how: &'static str,
 }
@@ -92,18 +90,12 @@ impl Scale {
         } else {
             1
         };
-        Self { edge_mm, least, spacing_mm, noise_mm, is_merged: merged.cameras_unknown, how }
+        Self { edge_mm, least, spacing_mm, noise_mm, how }
     }
 
     /// Which voxels of this size are kept.
     pub fn occupancy(&self) -> Occupancy {
-        let of_one_view = (self.edge_mm / self.spacing_mm.max(LEAST_SPACING_MM)).powi(2);
-        let least_around = if self.least == 1 || (self.is_merged && of_one_view > THIN_POINTS) {
-            f32::INFINITY
-        } else {
-            LEAST_AROUND.max(CROSSED * AT_A_SLANT * of_one_view)
-        };
-        Occupancy { least: self.least, least_around }
+        Occupancy { least: self.least, thin: self.edge_mm < THIN_SPACINGS * self.spacing_mm }
     }
 
     /// The same cloud in voxels `factor` times as large.
@@ -121,13 +113,9 @@ impl Scale {
     }
 }
 
-/// Points of one view in a voxel up to which faces of a merged cloud are judged by their even spread, too. Pixels lie in rows and
-/// columns: with fewer, less than a quarter of the voxels of a face that is looked at straight hold two by two.
-const THIN_POINTS: f32 = 2.25;
-/// Voxels of those about one that a plane crosses, at least; and the share of points that a view at 76 degrees to the normal
-/// puts on a face.
-const CROSSED: f32 = 9.0;
-const AT_A_SLANT: f32 = 0.25;
+/// Edge of a voxel, in spacings of a view, below which a face is thin. Pixels lie in rows and columns: of the voxels of a face
+/// that is looked at straight, fewer than a quarter then hold two by two, and the others one or two.
+const THIN_SPACINGS: f32 = 1.5;
 /// A spacing this small is none to divide by, mm.
 const LEAST_SPACING_MM: f32 = 1e-6;
 /// Share of the points of its fullest neighbour that a voxel of one surface holds: of the one or two points that a voxel
@@ -262,7 +250,7 @@ fn kept(cells: &Cells, occupancy: Occupancy) -> Vec<usize> {
         if holds(k) >= least {
             return true;
         }
-        if occupancy.least_around.is_infinite() {
+        if !occupancy.thin {
             return false;
         }
         let (mut sum, mut most) = (0.0, 0.0f32);
@@ -270,7 +258,7 @@ fn kept(cells: &Cells, occupancy: Occupancy) -> Vec<usize> {
             sum += holds(other);
             most = most.max(holds(other));
         });
-        sum >= occupancy.least_around && holds(k) >= EVEN_SHARE * most
+        sum >= LEAST_AROUND && holds(k) >= EVEN_SHARE * most
     };
     (0..cells.len()).into_par_iter().filter(is_kept).collect()
 }
@@ -406,7 +394,7 @@ mod tests {
             (on(0.0), on(15.0), voxels.iter().filter(|p| p.z > 1.0).count())
         };
         assert_eq!(kept(Occupancy::of(3)), (0, 100, 0));
-        let (thin, dense, strays) = kept(Occupancy { least: 3, least_around: LEAST_AROUND });
+        let (thin, dense, strays) = kept(Occupancy { least: 3, thin: true });
         // Three corners of the thin surface hold four points with their neighbours, which is too few; the fourth has the origin.
         assert_eq!((thin, dense, strays), (97, 100, 0));
     }
