@@ -118,6 +118,51 @@ fn a_simulated_scan_is_read_by_plan() {
     assert_eq!(output.status.code(), Some(3), "a box has no seam: {}", stderr(&output));
 }
 
+/// Printed by a command that ends well.
+fn printed(folder: &Path, arguments: &[&str]) -> String {
+    let output = weldpath(folder, arguments);
+    assert_eq!(output.status.code(), Some(0), "{arguments:?}: {}", stderr(&output));
+    String::from_utf8(output.stdout).unwrap()
+}
+
+#[test]
+fn with_what_is_known_of_its_cell_a_simulated_scan_is_ready_and_without_it_says_both_errors() {
+    let home = home();
+    printed(home.path(), &["simulate", "--part", "fillet", "--size", "320x240", "--out", "scan"]);
+    let known = printed(home.path(), &["plan", "--job", "scan/cell.toml"]);
+    assert!(known.starts_with("verdict: ready\n") && !known.contains("voxel_mm"), "{known}");
+    let evaluated = printed(home.path(), &["evaluate", "out", "--truth", "scan/truth.json"]);
+    assert!(
+        evaluated.lines().any(|line| line.starts_with("stated ") && line.contains("within the scan")),
+        "{evaluated}"
+    );
+    let unknown = printed(home.path(), &["plan", "scan", "--verbose"]);
+    assert!(unknown.starts_with("verdict: check") && unknown.contains("voxel_mm = "), "{unknown}");
+    let reason = unknown.lines().find(|line| line.starts_with("base-error-over-limit")).expect("a reason");
+    assert!(reason.contains("mm within the scan"), "{reason}");
+    // A cell whose errors are known states them.
+    let cell = [
+        "simulate",
+        "--part",
+        "fillet",
+        "--size",
+        "320x240",
+        "--out",
+        "off",
+        "--hand-eye-mm",
+        "0.4",
+        "--robot-mm",
+        "0.1",
+    ];
+    printed(home.path(), &cell);
+    let job = std::fs::read_to_string(home.path().join("off/cell.toml")).unwrap();
+    assert!(
+        job.contains("hand_eye_mm = 0.4") && job.contains("robot_mm = 0.1") && !job.contains("anchor"),
+        "{job}"
+    );
+    assert!(printed(home.path(), &["plan", "--job", "off/cell.toml"]).starts_with("verdict: "));
+}
+
 #[test]
 fn a_scan_that_was_not_simulated_is_never_overwritten() {
     let home = home();

@@ -25,7 +25,7 @@ fn home() -> tempfile::TempDir {
 
 /// Arguments, exit code, and what is said.
 const CASES: &[(&str, i32, &[&str])] = &[
-    ("", 2, &["Examples:", "weldpath plan scan --out out"]),
+    ("", 2, &["weldpath plan SCAN", "weldpath open", "weldpath --help"]),
     ("plna", 2, &["'plan'"]),
     ("plan", 2, &["<INPUT>", "hint: for example `weldpath plan scan`"]),
     ("plan nowhere", 4, &["nowhere", "hint: ", "weldpath simulate"]),
