@@ -6,6 +6,7 @@
 mod colour;
 mod content;
 mod deviation;
+mod extent;
 mod histogram;
 mod page;
 mod picture;

@@ -1,6 +1,7 @@
 //! The page's JSON and binary blocks. Schema: `docs/formats.md`.
 
 use super::colour;
+use super::extent;
 use super::histogram::Histogram;
 use super::points::{self, INTENSITY_FULL, Layer};
 use super::run::Run;
@@ -31,6 +32,8 @@ pub(super) struct Scene {
     pub(super) eye: Vector3<f64>,
     /// Heights along `up` over the centre that the colours span.
     pub(super) heights_mm: [f64; 2],
+    /// Outermost places of the work, base frame: what a picture of the whole has to hold.
+    pub(super) outline_mm: Vec<Point3<f64>>,
 }
 
 impl Scene {
@@ -43,7 +46,8 @@ impl Scene {
         let radius_mm = reach_mm + (AROUND_RADII * reach_mm).max(AROUND_MM);
         let near = model().map(|p| p - centre_mm).filter(|v| v.norm() < radius_mm);
         let heights_mm = middle_range(near.map(|v| v.dot(&up)).collect());
-        Self { centre_mm, radius_mm, up, eye: eye(plan, &up), heights_mm }
+        let outline_mm = extent::outline(plan, centre_mm, radius_mm, up, heights_mm);
+        Self { centre_mm, radius_mm, up, eye: eye(plan, &up), heights_mm, outline_mm }
     }
 }
 
@@ -91,6 +95,7 @@ struct Content<'a> {
     up: [f64; 3],
     eye: [f64; 3],
     heights_mm: [f64; 2],
+    outline_mm: Vec<[f64; 3]>,
     clouds: Clouds,
     intensity_full: f32,
     cameras_mm: Vec<[f64; 3]>,
@@ -158,6 +163,7 @@ pub(super) fn document(run: &Run, scene: &Scene) -> (String, Vec<u8>) {
         up: scene.up.into(),
         eye: scene.eye.into(),
         heights_mm: scene.heights_mm,
+        outline_mm: scene.outline_mm.iter().map(|&p| rounded(p.into())).collect(),
         clouds,
         intensity_full: INTENSITY_FULL,
         cameras_mm: recording.cameras_mm.iter().map(|&c| c.into()).collect(),

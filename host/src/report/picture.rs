@@ -24,6 +24,8 @@ const ROW: f64 = 20.0;
 /// Arrows of the torch along a seam, and their length, px.
 const ARROWS: usize = 9;
 const ARROW: f64 = 34.0;
+/// Share of a view that the work fills.
+const FILLED: f64 = 0.8;
 
 /// A parallel projection onto a view.
 struct Projection {
@@ -35,21 +37,21 @@ struct Projection {
 }
 
 impl Projection {
-    /// From `toward`, all seams in view.
-    fn new(run: &Run, scene: &Scene, toward: Vector3<f64>) -> Self {
+    /// From `toward`, the whole work in view.
+    fn new(scene: &Scene, toward: Vector3<f64>) -> Self {
         let any = if toward.dot(&scene.up).abs() > 0.99 { Vector3::y() } else { scene.up };
         let any = if toward.dot(&any).abs() > 0.99 { Vector3::x() } else { any };
         let right = any.cross(&toward).normalize();
         let up = toward.cross(&right);
-        let mut projection = Self { centre_mm: scene.centre_mm, right, up, toward, px_per_mm: 1.0 };
-        let reach = |axis: Vector3<f64>| {
-            let stations = run.plan.seams.iter().flat_map(|s| &s.stations);
-            let extent =
-                stations.map(|s| axis.dot(&(s.position_mm - scene.centre_mm)).abs()).fold(0.0, f64::max);
-            if extent > 0.0 { extent + 0.3 * scene.radius_mm } else { scene.radius_mm }
+        let range = |axis: &Vector3<f64>| {
+            let along = scene.outline_mm.iter().map(|p| axis.dot(&(p - scene.centre_mm)));
+            along.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| [low.min(v), high.max(v)])
         };
-        projection.px_per_mm = (0.5 * WIDTH / reach(right)).min(0.5 * HEIGHT / reach(up));
-        projection
+        let [[left, rightmost], [low, high]] = [range(&right), range(&up)];
+        let centre_mm = scene.centre_mm + right * 0.5 * (left + rightmost) + up * 0.5 * (low + high);
+        let fits = |px: f64, mm: f64| FILLED * px / mm.max(1.0);
+        let px_per_mm = fits(WIDTH, rightmost - left).min(fits(HEIGHT, high - low));
+        Self { centre_mm, right, up, toward, px_per_mm }
     }
 
     /// Place within the view, px, and height toward the eye, mm.
@@ -82,7 +84,7 @@ pub(super) fn svg(run: &Run, scene: &Scene) -> String {
     let colours = raster::colours(&run.plan.model, scene);
     let drawn: Vec<String> = views
         .into_par_iter()
-        .map(|(name, toward)| view(run, &colours, name, &Projection::new(run, scene, toward)))
+        .map(|(name, toward)| view(run, &colours, name, &Projection::new(scene, toward)))
         .collect();
     for (k, drawn) in drawn.iter().enumerate() {
         let x = GAP + (k % 2) as f64 * (WIDTH + GAP);
@@ -206,6 +208,8 @@ fn label(text: &mut String, seam: &Seam, projection: &Projection) {
 
 fn axes(text: &mut String, projection: &Projection) {
     let origin = Point2::new(44.0, HEIGHT - 44.0);
+    let back = format!("<rect x=\"6\" y=\"{}\" width=\"76\" height=\"76\" rx=\"4\"", HEIGHT - 82.0);
+    add(text, format_args!("{back} fill=\"#ffffff\" fill-opacity=\"0.8\"/>"));
     let named =
         [("x", Vector3::x(), "#d02f2f"), ("y", Vector3::y(), "#2a8f3c"), ("z", Vector3::z(), "#2b5fd0")];
     for (name, axis, colour) in named {

@@ -15,8 +15,6 @@ const up = new THREE.Vector3(...content.up);
 const radius = content.radius_mm;
 const local = (p) => new THREE.Vector3(...p).sub(centre);
 const FOV = 32;
-// Below and above a place as far as the work reaches: a pipe stands above the seam at its foot.
-const upright = (p) => content.heights_mm.map((height) => p.clone().addScaledVector(up, height - p.dot(up)));
 // The paper's edge points come in no order: lines between them would hide everything.
 const ORDERED = !content.histograms.ratio_decides;
 // Lines that lie among points win over them.
@@ -57,20 +55,6 @@ function planeGeometry([at, toward], size_mm) {
 
 // Share of the picture's half that what is looked at fills at most: menus and legend lie along its rim.
 const FILLED = 0.8;
-
-// Points of the cloud that are looked through for the extent of the work; so much of its height lies on a table, so many times as far
-// as its seams it may reach from their middle, and such a share of the points on each side are strays.
-const [SAMPLED, LYING, ABOUT, STRAY] = [6000, 0.06, 1.7, 0.005];
-
-// Some points of a cloud, evenly picked, from the picture's centre.
-function sampled(cloud, count) {
-  if (!cloud) return [];
-  const { low, span } = cloud.material.uniforms;
-  const steps = cloud.geometry.attributes.position;
-  const every = Math.max(1, Math.floor(steps.count / count));
-  return Array.from({ length: Math.floor(steps.count / every) }, (_, k) => new THREE.Vector3()
-    .fromBufferAttribute(steps, k * every).multiplyScalar(span.value).add(low.value));
-}
 
 // Where a camera looks at, and how far away it stands, that sees all places from a direction, each with a margin about it, mm.
 function fitted(places, toward, margin_mm, aspect) {
@@ -318,7 +302,7 @@ export class Scene {
     const eye = new THREE.Vector3(...content.eye);
     const level = eye.clone().addScaledVector(up, -eye.dot(up)).normalize();
     const directions = { home: eye, top: up.clone().addScaledVector(level, 0.001), front: level.addScaledVector(up, 0.04), side: level.clone().cross(up).addScaledVector(up, 0.04) };
-    const places = about ? about.line_mm.map(local) : this.whole ??= this.work();
+    const places = about ? about.line_mm.map(local) : content.outline_mm.map(local);
     const toward = directions[from].normalize();
     const { middle, away } = fitted(places, toward, about ? 15 : 8, this.camera.aspect);
     this.fits = about ? null : from;
@@ -326,23 +310,6 @@ export class Scene {
     this.camera.position.copy(toward).multiplyScalar(away).add(middle);
     this.controls.update();
     this.redraw();
-  }
-
-  // Places that the work reaches to, from the picture's centre: its seams up to where it is highest, and the cloud about them that
-  // stands out of what lies lowest, such as a table.
-  work() {
-    const lines = seams.flatMap((s) => s.line_mm.map(local)).flatMap(upright);
-    const ball = lines.length ? new THREE.Sphere().setFromPoints(lines) : new THREE.Sphere(new THREE.Vector3(), radius);
-    const [low, high] = content.heights_mm;
-    const stands = (p) => p.dot(up) > low + LYING * (high - low) && p.distanceTo(ball.center) < ABOUT * ball.radius;
-    const cloud = sampled(this.groups.model, SAMPLED).filter(stands);
-    const bounds = [0, 1, 2].map((axis) => {
-      const sorted = cloud.map((p) => p.getComponent(axis)).sort((a, b) => a - b);
-      return [STRAY, 1 - STRAY].map((share) => sorted[Math.floor(share * (sorted.length - 1))]);
-    });
-    const kept = cloud.filter((p) => bounds.every(([least, most], axis) => p.getComponent(axis) >= least && p.getComponent(axis) <= most));
-    const corners = [-1, 1].flatMap((sign) => [0, 1, 2].map((axis) => new THREE.Vector3().setComponent(axis, sign * radius)));
-    return lines.length + kept.length ? [...lines, ...kept] : corners;
   }
 
   // By the keyboard: turn about the target, radians, or come nearer.
