@@ -41,7 +41,7 @@ pub(super) struct Args {
     /// The same of its orientation [default: 1]
     #[arg(long, value_name = "DEG")]
     hand_eye_deg: Option<HandEyeDeg>,
-    /// Let scan.json name files outside its folder
+    /// Allow scan.json to refer to files outside its folder
     #[arg(long)]
     allow_outside: bool,
     /// Print nothing but errors

@@ -9,7 +9,7 @@ use super::{Exit, Failure, tell};
 /// Options of every command that writes a folder.
 #[derive(Debug, Clone, Copy, Default, clap::Args)]
 pub(super) struct FolderArgs {
-    /// Replace files in the way that weldpath did not write, or that were changed since
+    /// Replace files that weldpath did not write, or that were changed since
     #[arg(long)]
     overwrite: bool,
 }

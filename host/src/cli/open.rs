@@ -14,7 +14,7 @@ use weldpath::simulation::{self, Part};
 use super::folder::{Folder, FolderArgs};
 use super::{Exit, Failure, plan, simulate, tell, whole};
 
-/// Look, choose, correct and plan again in the browser
+/// Plan in the browser: view, select, correct and plan again
 ///
 /// INPUT is what `weldpath plan` takes, the folder of an earlier run, or a job file. The scan is planned, and its report
 /// opened as a page in which the job is edited: which seams, in which order and direction, and how each is welded. What is
@@ -30,13 +30,13 @@ pub(super) struct Args {
     out: Option<PathBuf>,
     #[command(flatten)]
     folder: FolderArgs,
-    /// Let scan.json name files outside its folder
+    /// Allow scan.json to refer to files outside its folder
     #[arg(long)]
     allow_outside: bool,
-    /// Read nothing that would take more memory than this [default: half of the machine's]
+    /// Refuse inputs that need more memory than this [default: half of the machine's]
     #[arg(long, value_name = "MB", value_parser = clap::value_parser!(u64).range(input::memory::LEAST_MB..))]
     memory_mb: Option<u64>,
-    /// Seek all seams anew, and keep nothing of it in DIR
+    /// Neither use nor write the cache of detected seams in DIR
     #[arg(long)]
     no_cache: bool,
     /// Only print the address

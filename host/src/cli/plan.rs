@@ -47,36 +47,36 @@ pub(super) struct Args {
     /// Settings from a file, as every run writes one to DIR/job.toml; options override it
     #[arg(long, value_name = "FILE")]
     job: Option<PathBuf>,
-    /// Unit of the input, where the file does not say it [default: auto]
+    /// Unit of the input, if the file does not state it [default: auto]
     #[arg(long)]
     units: Option<input::Units>,
-    /// Intrinsics of depth images that come without, px, and distortion as OpenCV and RealSense write it
+    /// Camera intrinsics in px and distortion (OpenCV order), for depth images without scan.json
     #[arg(long, value_name = "FX,FY,CX,CY[,K1,K2,P1,P2,K3]", allow_hyphen_values = true)]
     intrinsics: Option<input::Intrinsics>,
-    /// Metres per count of depth images that come without [default: 0.001]
+    /// Metres per count, for depth images without scan.json [default: 0.001]
     #[arg(long, value_name = "M")]
     depth_scale_m: Option<DepthScaleM>,
-    /// Where the camera stood that took a cloud which does not tell: mm, in the cloud's own frame
+    /// Camera position of a cloud that stores none: mm, in the cloud's own frame
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     camera: Option<input::CameraPosition>,
-    /// Whose frame the coordinates of a cloud are in, where the file does not say it
+    /// Frame of a cloud's coordinates, if the file does not state it
     #[arg(long)]
     frame: Option<input::StatedFrame>,
-    /// What a file with faces is, where its data do not say it: exact CAD, or a scan
+    /// Treat a mesh as exact CAD or as a scan, if its data do not show which it is
     #[arg(long = "as", value_name = "KIND")]
     mesh_as: Option<input::MeshAs>,
-    /// What holds the model in the robot's base frame: robot (all poses and the hand-eye transform), or first (the first
-    /// view's pose, taken as exact) [default: robot]
+    /// What ties the model to the robot's base frame: robot (all reported poses and the hand-eye transform), or first (the
+    /// first view's pose, taken as exact) [default: robot]
     #[arg(long, value_name = "ANCHOR")]
     anchor: Option<AnchorName>,
-    /// What `weldpath calibrate` wrote: hand-eye transform and camera as other scans of the cell showed them
+    /// Hand-eye transform and camera corrections from `weldpath calibrate`
     #[arg(long, value_name = "FILE")]
     calibration: Option<PathBuf>,
-    /// A place of a seam that the robot's own tip touched, mm, base frame, and the seam's number where two are near: the plan
-    /// is moved there; may be given several times
+    /// Point on a seam that the robot touched with its tip: mm, base frame, and the seam's id if two are near. The plan is moved
+    /// to it; repeatable
     #[arg(long, value_name = "X,Y,Z[,SEAM]", allow_hyphen_values = true)]
     touch: Vec<TouchSettings>,
-    /// The same from a CSV file, one in a line
+    /// Touched points from a CSV file, one per line
     #[arg(long, value_name = "FILE", conflicts_with = "touch")]
     touches: Option<PathBuf>,
     /// Hold the tip this far off the seam, along the torch axis [default: 0]
@@ -96,84 +96,84 @@ pub(super) struct Args {
     approach_mm: Option<ApproachMm>,
     #[command(flatten)]
     weld: WeldArgs,
-    /// Accept this reason of the verdict, by its id: what it says is confirmed; may be given several times
+    /// Confirm a reason of the verdict by its id; repeatable
     #[arg(long, value_name = "REASON-ID")]
     accept: Vec<ReasonId>,
-    /// Write the rest of a weld that was broken off in this seam (and pass) at this place, s_mm of path.csv, and what
-    /// follows it; give it an --out of its own
+    /// Resume an interrupted weld: write this seam (and pass) from this s_mm of path.csv on, and all that follows; use another
+    /// --out
     #[arg(long, value_name = "SEAM[.PASS]:MM")]
     from: Option<ResumeSettings>,
-    /// Weld so much of what was welded again [default: 5]
+    /// Overlap with what is already welded [default: 5]
     #[arg(long, value_name = "MM", requires = "from", allow_negative_numbers = true)]
     overlap_mm: Option<OverlapMm>,
-    /// Which seam comes next [default: shortest]
+    /// Order of the seams [default: shortest]
     #[arg(long, value_name = "SEQUENCE")]
     sequence: Option<Sequence>,
-    /// Weld this seam only; may be given several times
+    /// Weld only this seam; repeatable
     #[arg(long, value_name = "ID", value_parser = whole::<usize>)]
     seam: Vec<usize>,
-    /// Weld the one seam nearest to this place, mm, base frame
+    /// Weld only the seam nearest to this point: mm, base frame
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     near: Option<Place>,
-    /// Weld the seams that lie in this box by half or more, mm, base frame
+    /// Weld only seams with at least half of their length in this box: mm, base frame
     #[arg(long, value_name = "X,Y,Z..X,Y,Z", allow_hyphen_values = true)]
     roi: Option<Region>,
-    /// Seek no seam in this box, mm, base frame: what is in it is no work, but in the torch's way; may be given several times
+    /// Search no seam in this box: mm, base frame. The torch still keeps clear of its contents; repeatable
     #[arg(long, value_name = "X,Y,Z..X,Y,Z", allow_hyphen_values = true)]
     exclude: Vec<Region>,
-    /// The empty cell or fixture, scanned before: folder with scan.json, or one cloud in the frame of the scan; seek no seam there
+    /// Scan of the empty cell or fixture (folder with scan.json, or one cloud in the same frame): no seam is searched on it
     #[arg(long, value_name = "SCAN")]
     background: Option<PathBuf>,
-    /// Look for a seam that was passed over, along places within 10 mm of it, mm, base frame: both ends, more of a curve; may be
-    /// given several times
+    /// Search a missed seam within 10 mm of these points: mm, base frame. Give both ends, and more points along a curve;
+    /// repeatable
     #[arg(long, value_name = "X,Y,Z;X,Y,Z", allow_hyphen_values = true)]
     ask: Vec<AskSettings>,
-    /// Weld this line on the surface though no seam is found there, through places on it, mm, base frame; may be given several times
+    /// Weld a line on the surface where no seam is found, through these points: mm, base frame; repeatable
     #[arg(long, value_name = "X,Y,Z;X,Y,Z", allow_hyphen_values = true)]
     draw: Vec<DrawSettings>,
-    /// How seams are found; the paper's way is for comparison [default: weldpath]
+    /// Method of detection; the paper's is for comparison [default: weldpath]
     #[arg(long)]
     method: Option<Method>,
-    /// Threshold of the paper's way, eq. (16) [default: 53]
+    /// Threshold of the paper's method, eq. (16) [default: 53]
     #[arg(long, value_name = "T", allow_negative_numbers = true)]
     t: Option<RatioThreshold>,
     /// Digital output that starts the arc [default: 0]
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     arc_output: Option<quantity::Output>,
-    /// Check reach, joint limits and singularities of this arm: ur5e, kuka-kr10-r1420 ...; docs/feasibility.md lists them
+    /// Check reach, joint limits and singularities of this arm, such as ur5e or kuka-kr10-r1420 (list: docs/feasibility.md)
     #[arg(long, value_name = "NAME", value_parser = RobotSettings::named)]
     robot_model: Option<RobotSettings>,
-    /// The robot's base in the scan's base frame: mm and a rotation vector in rad [default: the same]
+    /// Pose of the robot's base in the scan's base frame: mm and a rotation vector in rad [default: identical]
     #[arg(long, value_name = "X,Y,Z,RX,RY,RZ", allow_hyphen_values = true)]
     robot_base: Option<String>,
-    /// Check a torch of these sizes for collisions, such as stickout_mm=15,nozzle_radius_mm=10,neck_deg=22
+    /// Torch dimensions for the collision check, such as stickout_mm=15,nozzle_radius_mm=10,neck_deg=22
     #[arg(long, value_name = "KEY=VALUE,...", value_parser = TorchBodySettings::from_pairs)]
     torch: Option<TorchBodySettings>,
-    /// Write the program for this robot; may be given several times [default: ur]
+    /// Write the program for this robot; repeatable [default: ur]
     #[arg(long, value_name = "ROBOT")]
     robot: Vec<Dialect>,
-    /// Let scan.json name files outside its folder
+    /// Allow scan.json to refer to files outside its folder
     #[arg(long)]
     allow_outside: bool,
-    /// Read nothing that would take more memory than this [default: half of the machine's]
+    /// Refuse inputs that need more memory than this [default: half of the machine's]
     #[arg(long, value_name = "MB", value_parser = clap::value_parser!(u64).range(input::memory::LEAST_MB..))]
     memory_mb: Option<u64>,
     /// Print nothing but errors
     #[arg(long, short)]
     quiet: bool,
-    /// Print all reasons, what was measured of each seam, what was derived from the data, and how each view moved
+    /// Print every reason, the measurements of each seam, the derived parameters, and how far each view was moved
     #[arg(long, short, conflicts_with_all = ["quiet", "json"])]
     verbose: bool,
     /// Print summary.json instead of the table
     #[arg(long, conflicts_with = "quiet")]
     json: bool,
-    /// Keep the cloud after every stage in DIR/stages
+    /// Save the cloud after every stage in DIR/stages
     #[arg(long)]
     dump_stages: bool,
-    /// Write no report.html and report.svg
+    /// Skip report.html and report.svg
     #[arg(long)]
     no_report: bool,
-    /// Seek all seams anew, and keep nothing of it in DIR for a plan of the same scan
+    /// Neither use nor write the cache of detected seams in DIR
     #[arg(long)]
     no_cache: bool,
 }
@@ -221,7 +221,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         _ => print(&table::result(plan, &output, &source, &args.out, args.verbose))?,
     }
     if is_kept && !args.quiet {
-        tell("note: the seams are those that were found in this scan before; --no-cache seeks them anew");
+        tell("note: seams are from the cache of an earlier plan of this scan; --no-cache searches again");
     }
     refused(&output)
 }

@@ -33,10 +33,10 @@ pub(super) struct Args {
     out: PathBuf,
     #[command(flatten)]
     folder: FolderArgs,
-    /// Unit of the new scan, where the file does not say it [default: auto]
+    /// Unit of the new scan, if the file does not state it [default: auto]
     #[arg(long)]
     units: Option<input::Units>,
-    /// Let scan.json name files outside its folder
+    /// Allow scan.json to refer to files outside its folder
     #[arg(long)]
     allow_outside: bool,
     /// Write the program even if the scan leaves a direction unknown; the smallest motion is taken along it

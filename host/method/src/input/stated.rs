@@ -12,7 +12,7 @@ use super::{CloudFrame, Error, Scan};
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]
 pub enum StatedFrame {
-    /// That of the camera that took it, which stands at its origin.
+    /// The frame of the camera that took it, with the camera at the origin.
     Camera,
     /// The robot's base.
     Base,

@@ -20,7 +20,7 @@ pub enum Units {
     #[serde(rename = "mm")]
     #[cfg_attr(feature = "clap", value(name = "mm"))]
     Millimetres,
-    /// Told from the size of what was scanned.
+    /// Guessed from the size of the scan.
     #[default]
     #[serde(rename = "auto")]
     Auto,

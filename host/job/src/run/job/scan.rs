@@ -31,10 +31,10 @@ pub struct ScanSettings {
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]
 pub enum AnchorName {
-    /// All poses, each as exact as the robot, and the hand-eye transform as far as the views bear it out.
+    /// All reported poses, weighted by the robot's accuracy, and the hand-eye transform as far as the views support it.
     #[default]
     Robot,
-    /// The first view that fits, whose pose is taken as exact.
+    /// The first view that fits; its pose is taken as exact.
     First,
 }
 
