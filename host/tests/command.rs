@@ -133,7 +133,9 @@ fn with_what_is_known_of_its_cell_a_simulated_scan_is_ready_and_without_it_says_
     assert!(known.starts_with("verdict: ready\n") && !known.contains("voxel_mm"), "{known}");
     let evaluated = printed(home.path(), &["evaluate", "out", "--truth", "scan/truth.json"]);
     assert!(
-        evaluated.lines().any(|line| line.starts_with("stated ") && line.contains("within the scan")),
+        evaluated
+            .lines()
+            .any(|line| line.starts_with("stated by the plan ") && line.contains("within the scan")),
         "{evaluated}"
     );
     let unknown = printed(home.path(), &["plan", "scan", "--verbose"]);

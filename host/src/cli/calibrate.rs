@@ -17,7 +17,7 @@ use super::{Exit, Failure, print};
 /// Find the hand-eye transform and the camera's errors from scans of a cell
 ///
 /// SCAN is a folder with scan.json; the work may be anything with faces in three directions. Several scans tell more than one,
-/// most of all from other distances and with the camera turned about its own axis. What they do not tie down is named.
+/// most of all from other distances and with the camera turned about its own axis. What they do not constrain is named.
 /// `weldpath plan --calibration` uses the file.
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {

@@ -251,7 +251,7 @@ fn table(evaluation: &Evaluation) -> String {
     line("position RMSE", format!("{} mm, 95 % below {} mm", number(score.rmse_mm), number(score.p95_mm)));
     if let Some(Stated { expected_mm, within_scan_mm }) = &evaluation.stated {
         line(
-            "stated",
+            "stated by the plan",
             format!(
                 "up to {expected_mm:.3} mm, within the scan {within_scan_mm:.3} mm (one standard deviation)"
             ),
@@ -276,7 +276,7 @@ fn table(evaluation: &Evaluation) -> String {
     for (name, seam) in &score.seams {
         let covered = seam.coverage.map_or("-".to_owned(), |share| format!("{:.1} %", 100.0 * share));
         line(
-            &format!("seam {name}"),
+            &format!("true seam {name}"),
             format!("{} mm, {} deg, covered {covered}", number(seam.rmse_mm), number(seam.rmse_deg)),
         );
     }

@@ -232,8 +232,10 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     Folder::new(&args.out, args.folder, args.quiet).write(&files)?;
     let (out, views, seams) = (args.out.display(), scan.views.len(), scan.truth.seams.len());
     let text = format!(
-        "{out}: {views} views, {seams} seams in truth.json, what is known of the cell in {JOB}\nnext: weldpath plan --job {}\n",
-        args.out.join(JOB).display()
+        "{out}: {views} views, {seams} seams in truth.json, what is known of the cell in {JOB}\n\
+         next: weldpath plan --job {} --out {}\n",
+        args.out.join(JOB).display(),
+        args.out.join("out").display()
     );
     if args.quiet { Ok(()) } else { print(&text) }
 }

@@ -7,7 +7,7 @@ const MOST_LINES: usize = 8;
 /// What makes a warning worse than others, the worst first: what the torch would hit, what is not known, what the robot
 /// cannot do. The words are those of the warnings.
 const WORST: [&str; 9] =
-    ["inside", "collid", "hits", "UNKNOWN", "uncertain", "not tie", "cannot", "reach", "left out"];
+    ["inside", "collid", "hits", "UNKNOWN", "uncertain", "not held", "cannot", "reach", "left out"];
 
 /// The lines for these warnings.
 pub(super) fn lines(warnings: &[String]) -> Vec<String> {
