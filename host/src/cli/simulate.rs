@@ -240,6 +240,9 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     if args.quiet { Ok(()) } else { print(&text) }
 }
 
+/// Least error of a cell that its job states, mm and degrees.
+const LEAST_STATED: f64 = 0.01;
+
 /// The job that belongs to a simulated scan.
 pub(super) const JOB: &str = "cell.toml";
 
@@ -249,14 +252,12 @@ pub(super) fn job(cell: Option<CellErrors>) -> File {
         None => "anchor = \"first\"                    # the first view's pose is exact, the others are 1 to 3 mm off\n".to_owned(),
         Some(CellErrors { hand_eye_mm, hand_eye_deg, robot_mm, robot_deg, first_exact, .. }) => {
             let anchor = if first_exact { "anchor = \"first\"                    # the first view's pose is exact\n" } else { "" };
-            // One that is exact is stated as well as it can be.
-            let stated = |value: f64, least: f64| value.max(least);
+            // What is exact is stated as well as it can be.
+            let [robot_mm, robot_deg, hand_eye_mm, hand_eye_deg] =
+                [robot_mm, robot_deg, hand_eye_mm, hand_eye_deg].map(|value| value.max(LEAST_STATED));
             format!(
-                "{anchor}robot_mm = {}                      # one standard deviation of each axis\nrobot_deg = {}\nhand_eye_mm = {}\nhand_eye_deg = {}\n",
-                stated(robot_mm, 0.01),
-                stated(robot_deg, 0.01),
-                stated(hand_eye_mm, 0.01),
-                stated(hand_eye_deg, 0.01)
+                "{anchor}robot_mm = {robot_mm}                      # one standard deviation of each axis\n\
+                 robot_deg = {robot_deg}\nhand_eye_mm = {hand_eye_mm}\nhand_eye_deg = {hand_eye_deg}\n"
             )
         }
     };

@@ -34,8 +34,8 @@ pub(super) fn result(plan: &Plan, output: &Output, source: &Source, out: &Path, 
     // What was changed in what the user stated is always said.
     let corrected = |found: &&BaseFrame| verbose || found.hand_eye.is_applied;
     plan.derived.base_frame.iter().filter(corrected).for_each(|found| line(&mut text, &cell(found)));
-    let significant = |found: &&CameraFinding| verbose || found.is_significant;
-    plan.derived.camera.iter().filter(significant).for_each(|found| line(&mut text, &camera(found)));
+    let wrong = |found: &&CameraFinding| verbose || found.is_significant;
+    plan.derived.camera.iter().filter(wrong).for_each(|found| line(&mut text, &camera(found)));
     let seams =
         plan.seams.iter().flat_map(|seam| seam.warnings.iter().map(|w| format!("seam {}: {w}", seam.id)));
     let all: Vec<String> = output.summary.warnings().iter().cloned().chain(seams).collect();

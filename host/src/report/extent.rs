@@ -1,6 +1,7 @@
 //! How far the work reaches, so that a picture can show the whole of it: what stands out of a table about the seams.
 
 use nalgebra::{Point3, Vector3};
+use weldpath_method::geometry::statistics::percentile;
 use weldpath_method::pipeline::Plan;
 
 /// Points of the model that are looked at.
@@ -9,8 +10,8 @@ const SAMPLED: usize = 20_000;
 const LYING: f64 = 0.06;
 /// The work reaches this many times as far as its seams from their middle, at most.
 const ABOUT: f64 = 1.7;
-/// Share of the points on each side of an axis that are strays.
-const STRAY: f64 = 0.005;
+/// Percentiles of the points along an axis between which there are no strays.
+const WITHOUT_STRAYS: [f64; 2] = [0.5, 99.5];
 /// Directions whose outermost places stand for all of them.
 const DIRECTIONS: u32 = 160;
 
@@ -35,20 +36,16 @@ pub(super) fn outline(
     let every = plan.model.len().div_ceil(SAMPLED).max(1);
     let model = (0..plan.model.len()).step_by(every).map(|k| plan.model.in_base_mm(k) - centre_mm);
     let near: Vec<Vector3<f64>> = model.filter(stands).collect();
-    let bounds = [0, 1, 2].map(|axis| without_strays(near.iter().map(|v| v[axis]).collect()));
-    let is_kept = |v: &&Vector3<f64>| (0..3).all(|axis| bounds[axis].contains(&v[axis]));
+    let bounds = [0, 1, 2].map(|axis| {
+        let along: Vec<f64> = near.iter().map(|v| v[axis]).collect();
+        WITHOUT_STRAYS.map(|percent| percentile(&along, percent).unwrap_or_default())
+    });
+    let is_kept =
+        |v: &&Vector3<f64>| bounds.iter().zip(v.iter()).all(|([least, most], v)| (least..=most).contains(&v));
     let all: Vec<Vector3<f64>> = seams.iter().chain(near.iter().filter(is_kept)).copied().collect();
     let outermost = directions()
         .filter_map(|toward| all.iter().max_by(|a, b| toward.dot(a).total_cmp(&toward.dot(b))).copied());
     outermost.map(|v| centre_mm + v).collect()
-}
-
-/// What holds all values but the strays at its ends.
-fn without_strays(mut values: Vec<f64>) -> std::ops::RangeInclusive<f64> {
-    values.sort_unstable_by(f64::total_cmp);
-    let last = values.len().saturating_sub(1);
-    let at = |share: f64| values.get((share * last as f64) as usize).copied().unwrap_or_default();
-    at(STRAY)..=at(1.0 - STRAY)
 }
 
 /// Unit vectors spread evenly (a Fibonacci lattice).

@@ -23,8 +23,6 @@ use weldpath_method::weld::SeamPath;
 
 /// Edits that can be undone.
 const MOST_UNDONE: usize = 1000;
-/// No file of a plan is as large.
-const MOST_FILE_BYTES: u64 = 4 << 30;
 
 /// What was found in the scan, and what the report shows of it beside.
 pub(super) type Searched = planning::Searched<Recording>;
@@ -345,7 +343,7 @@ impl Session {
     pub(super) fn file(&self, name: &str) -> Option<std::io::Result<Vec<u8>>> {
         let shown = self.shown()?;
         let own = shown.files.iter().find(|file| *file == name)?;
-        Some(reading::bytes(&self.workplace.out.join(own), MOST_FILE_BYTES))
+        Some(reading::bytes(&self.workplace.out.join(own), reading::MOST_RESULT))
     }
 
     /// Whether nothing would be lost if the server ended.

@@ -231,12 +231,8 @@ impl Verdict {
         let alike = |one: &Reason, other: &Reason| (one.id, one.accepted) == (other.id, other.accepted);
         let is_first =
             |(at, reason): &(usize, &Reason)| !self.reasons[..*at].iter().any(|before| alike(before, reason));
-        let counted = |(_, reason): (usize, &Reason)| match self
-            .reasons
-            .iter()
-            .filter(|other| alike(other, reason))
-            .count()
-        {
+        let count = |reason: &Reason| self.reasons.iter().filter(|other| alike(other, reason)).count();
+        let counted = |(_, reason): (usize, &Reason)| match count(reason) {
             1 => reason.line(),
             count => format!("{} (and {} more: --verbose lists them)", reason.line(), count - 1),
         };

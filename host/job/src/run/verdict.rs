@@ -312,7 +312,8 @@ fn of_base_frame(plan: &Plan) -> Option<Finding> {
             Some(_) => String::new(),
         };
         format!(
-            "the tip may be off by {:.1} mm (one standard deviation) in the robot's base frame, over {:.2} mm, and by {:.2} mm within the scan{more}",
+            "the tip may be off by {:.1} mm (one standard deviation) in the robot's base frame, over {:.2} mm, and by {:.2} mm \
+             within the scan{more}",
             worst.base_error_mm,
             limit_mm(worst),
             worst.relative_error_mm,

@@ -248,18 +248,16 @@ function themes() {
   system.addEventListener("change", () => theme(system.matches));
   $("theme").addEventListener("click", () => theme(!dark()));
   $("print").addEventListener("click", () => window.print());
-  let before = false;
   // On paper nothing can be unfolded.
-  let folded = [];
+  let before = {};
   window.addEventListener("beforeprint", () => {
-    before = dark();
+    before = { dark: dark(), open: $("verdict").open };
     theme(false);
-    folded = [$("verdict")].filter((one) => !one.open);
-    folded.forEach((one) => { one.open = true; });
+    $("verdict").open = true;
   });
   window.addEventListener("afterprint", () => {
-    theme(before);
-    folded.forEach((one) => { one.open = false; });
+    theme(before.dark);
+    $("verdict").open = before.open;
   });
 }
 

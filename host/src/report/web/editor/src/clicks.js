@@ -32,9 +32,8 @@ function cloudAt(scene, x, y) {
   if (!within.length) return null;
   const near = CLICK_PX.map((most) => within.filter((one) => one.px < most)).find((some) => some.length);
   near.sort((a, b) => a.away - b.away);
-  const surfaceFrom = (first) => near.filter((one) => one.away >= first.away && one.away < first.away + SURFACE_MM);
-  const front = near.find((one) => surfaceFrom(one).length >= SUPPORT) ?? near[0];
-  const seen = surfaceFrom(front);
+  const { away: front } = near.find((one, k) => near[k + SUPPORT - 1]?.away < one.away + SURFACE_MM) ?? near[0];
+  const seen = near.filter((one) => one.away >= front && one.away < front + SURFACE_MM);
   return seen.reduce((best, one) => (one.px < best.px ? one : best));
 }
 

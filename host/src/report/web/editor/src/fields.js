@@ -19,7 +19,7 @@ function kindOf(schema, property) {
   if (kinds.includes("array")) return { kind: "list" };
   if (kinds.includes("boolean")) return { kind: "flag" };
   if (kinds.includes("string")) return { kind: "text" };
-  return { kind: "number", step: kinds.includes("integer") ? 1 : "any", least: property.minimum, most: property.maximum };
+  return { kind: "number" };
 }
 
 // Names of the properties of a table, those with a label first.
@@ -32,7 +32,7 @@ export function keysOf(schema, type, table) {
 const shown = (value) => (Array.isArray(value) ? value.join(", ") : value === undefined || value === null ? "" : String(value));
 
 // A number as people write it, with a point or a comma; null where none can be read, or two can.
-export function decimal(text) {
+function decimal(text) {
   if (!/^[+-]?(\d+([.,]\d*)?|[.,]\d+)(e[+-]?\d+)?$/i.test(text)) return null;
   const value = Number(text.replace(",", "."));
   return Number.isFinite(value) ? value : null;

@@ -16,12 +16,11 @@ export class Files {
     this.box = el("details", { id: "files", class: "files", hidden: true }, el("summary", {}, WORDS.files), el("div", { class: "unfolded" }, this.list, this.zip));
   }
 
-  show({ files, plan }) {
+  show({ files }) {
     this.box.hidden = !files.length;
     if (this.names === files.join()) return;
     this.names = files.join();
     this.files = files;
-    this.plan = plan;
     this.list.replaceChildren(...files.map((name) => el("li", {}, el("a", { href: address(name), download: name }, name), " ", el("span", { class: "soft" }, WORDS.fileKinds[name] ?? ""))));
   }
 

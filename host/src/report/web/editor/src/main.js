@@ -193,9 +193,10 @@ const NEVER_ACCEPTED = ["drawn", "no-seam", "sparse"];
 
 // Keys of the job that a text names, as in [tool] or approach_mm: each with the group of settings that it stands in.
 const GROUP_OF_REASON = { infeasible: "robot", "odd-posture": "robot", "dialect-and-arm-differ": "robot", "first-move-unchecked": "robot" };
-const KEYS = new Map(Object.entries(LABELS).filter(([table]) => GROUPS[table] || table === "tool").flatMap(([table, keys]) => Object.keys(keys).map((key) => [key, table])));
+const NAMES = { ...GROUPS, tool: WORDS.tool, robot: WORDS.robot };
+const KEYS = new Map(Object.entries(LABELS).filter(([table]) => NAMES[table]).flatMap(([table, keys]) => Object.keys(keys).map((key) => [key, table])));
 function groupNamedIn(text, id) {
-  const table = [...text.matchAll(/\[(\w+)\]/g)].map(([, name]) => name).find((name) => GROUPS[name] || name === "tool" || name === "robot");
+  const table = [...text.matchAll(/\[(\w+)\]/g)].map(([, name]) => name).find((name) => NAMES[name]);
   const key = !table && text.match(/\b[a-z]+(_[a-z]+)+\b/g)?.find((word) => KEYS.has(word));
   const group = table ?? (key ? KEYS.get(key) : GROUP_OF_REASON[id]);
   return group && { group, key };
@@ -205,10 +206,10 @@ function groupNamedIn(text, id) {
 function leads() {
   for (const item of document.querySelectorAll("#reasons li, #warnings li")) {
     const found = groupNamedIn(item.textContent, item.querySelector("code")?.textContent);
-    if (!found || item.querySelector(".lead")) continue;
+    if (!found) continue;
     const { group, key } = found;
     const seam = item.querySelector("button[data-seam]");
-    const name = group === "robot" ? WORDS.robot : GROUPS[group] ?? WORDS[group];
+    const name = NAMES[group];
     item.append(el("button", { type: "button", class: "lead", "data-lead": group, title: WORDS.leadHint(name), onclick: () => {
       $("verdict").open = false;
       if (seam && key) seam.click();
