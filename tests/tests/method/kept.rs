@@ -325,7 +325,7 @@ impl Folder {
         let done = command.output().unwrap();
         let said = String::from_utf8_lossy(&done.stderr).into_owned();
         assert!(done.status.success(), "{said}");
-        said.contains("the seams are those that were found in this scan before")
+        said.contains("seams are from the cache of an earlier plan")
     }
 
     /// Whether both folders hold the same.
