@@ -143,7 +143,10 @@ impl Wish<'_> {
 
     /// The table, if it is one: the lowest plane of a cropped cloud is part of the work.
     fn table(&self) -> Option<&Support> {
-        let find = || self.input.scan.has_whole_views().then(|| support::find(self.input.scene)).flatten();
+        let find = || {
+            let scan = &self.input.scan;
+            scan.has_whole_views().then(|| support::table(self.input.scene, scan)).flatten()
+        };
         self.table.get_or_init(find).as_ref()
     }
 

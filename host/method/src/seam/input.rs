@@ -1,10 +1,10 @@
 //! What the steps before the seams hand over: the raw scan, the thinned model of it, and what is looked for in it.
 
-use crate::geometry::cloud::{Merged, PointCloud};
+use crate::geometry::cloud::{Merged, Picture, PointCloud};
 use crate::geometry::grid::Grid;
 use crate::model::downsampling::Voxels;
 use crate::model::reconstruction::Registration;
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 
 /// Edge of the cells in which the model is looked up, and radius of the neighbourhoods of edge scores, voxels. The paper
 /// gives none; chosen on the simulated scans.
@@ -32,6 +32,8 @@ pub struct RawScan<'a> {
     pub registration: Option<&'a Registration>,
     /// Names of the views, for messages.
     pub view_names: Vec<&'a str>,
+    /// Where their pictures end, as far as that is known.
+    pub pictures: Vec<Option<Picture>>,
     /// Whether every point was seen by a camera of known place.
     pub cameras_known: bool,
     /// Whether the table that the work stands on is in a cloud of unknown cameras.
@@ -49,13 +51,21 @@ impl RawScan<'_> {
         self.cameras_known && self.view_names.len() == 1
     }
 
-    /// Pose of the first view's camera among the points.
-    pub fn camera(&self) -> Option<Isometry3<f32>> {
-        let pose = self.registration?.base_from_camera.first()?;
+    /// Some of the points that a view saw, evenly, the pose of its camera among them, and where its picture ends; none without poses.
+    pub(crate) fn seen_by(&self, view: usize) -> Option<(Vec<Point3<f32>>, Isometry3<f32>, Option<Picture>)> {
+        let pose = self.registration?.base_from_camera.get(view)?;
         let place = pose.translation.vector - self.merged.origin_mm.coords;
-        Some(Isometry3::from_parts(place.cast::<f32>().into(), pose.rotation.cast()))
+        let pose = Isometry3::from_parts(place.cast::<f32>().into(), pose.rotation.cast());
+        let of_view = |k: usize| usize::from(self.merged.view[k]) == view;
+        let own: Vec<usize> = (0..self.merged.view.len()).filter(|&k| of_view(k)).collect();
+        let some = own.iter().step_by(own.len() / SAMPLE + 1);
+        let points = some.map(|&k| self.merged.points_mm[k]).collect();
+        Some((points, pose, self.pictures.get(view).copied().flatten()))
     }
 }
+
+/// Points of a view that show where its surfaces end.
+const SAMPLE: usize = 20_000;
 
 /// The thinned, denoised cloud in which corners are sought.
 #[derive(Clone, Copy)]
