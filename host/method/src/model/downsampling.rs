@@ -92,14 +92,7 @@ impl Scale {
         } else {
             1
         };
-        Self {
-            edge_mm,
-            least,
-            spacing_mm,
-            noise_mm,
-            from_sides: is_from_sides(merged),
-            how,
-        }
+        Self { edge_mm, least, spacing_mm, noise_mm, from_sides: is_from_sides(merged), how }
     }
 
     /// Which voxels of this size are kept.
