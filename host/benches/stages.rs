@@ -201,6 +201,7 @@ fn seam(bencher: Bencher, case: Case) {
         index: &raw,
         registration: None,
         view_names: vec!["view"],
+        pictures: vec![None],
         cameras_known: true,
         table_shown: false,
     };

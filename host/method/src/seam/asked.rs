@@ -143,9 +143,10 @@ impl Wish<'_> {
 
     /// The table, if it is one: the lowest plane of a cropped cloud is part of the work.
     fn table(&self) -> Option<&Support> {
+        let scan = &self.input.scan;
         let find = || {
-            let scan = &self.input.scan;
-            scan.has_whole_views().then(|| support::table(self.input.scene, scan)).flatten()
+            let support = scan.has_whole_views().then(|| support::find(self.input.scene)).flatten();
+            support.filter(|support| support.is_table(scan))
         };
         self.table.get_or_init(find).as_ref()
     }

@@ -58,8 +58,7 @@ pub fn find(input: &Input, config: &SeamConfig) -> Found {
     let v = input.model.voxel_mm();
     let scores = edges::score(&input.model);
     let support = support::find(input.scene);
-    // The lowest plane of a scene whose border is seen is a plate of the work.
-    let table = support.filter(|support| !input.scan.cameras_known || support.leaves_pictures(&input.scan));
+    let table = support.filter(|support| support.is_table(&input.scan));
     let corner_config = config.corner.for_scan(&input.scan);
     let corners = Corners::parted(corner::corners(&input.model, &scores, &corner_config), |c| {
         table.is_some_and(|t| c.faces.iter().any(|face| t.is_face(face, &c.position)))

@@ -51,17 +51,34 @@ impl RawScan<'_> {
         self.cameras_known && self.view_names.len() == 1
     }
 
-    /// Some of the points that a view saw, evenly, the pose of its camera among them, and where its picture ends; none without poses.
-    pub(crate) fn seen_by(&self, view: usize) -> Option<(Vec<Point3<f32>>, Isometry3<f32>, Option<Picture>)> {
+    /// What a view saw; none where its pose is unknown.
+    pub(crate) fn seen_by(&self, view: usize) -> Option<Seen> {
         let pose = self.registration?.base_from_camera.get(view)?;
         let place = pose.translation.vector - self.merged.origin_mm.coords;
-        let pose = Isometry3::from_parts(place.cast::<f32>().into(), pose.rotation.cast());
-        let of_view = |k: usize| usize::from(self.merged.view[k]) == view;
-        let own: Vec<usize> = (0..self.merged.view.len()).filter(|&k| of_view(k)).collect();
-        let some = own.iter().step_by(own.len() / SAMPLE + 1);
-        let points = some.map(|&k| self.merged.points_mm[k]).collect();
-        Some((points, pose, self.pictures.get(view).copied().flatten()))
+        let own: Vec<Point3<f32>> = self
+            .merged
+            .points_mm
+            .iter()
+            .zip(&self.merged.view)
+            .filter(|(_, of)| usize::from(**of) == view)
+            .map(|(point, _)| *point)
+            .collect();
+        Some(Seen {
+            points_mm: own.iter().step_by(own.len() / SAMPLE + 1).copied().collect(),
+            cloud_from_camera: Isometry3::from_parts(place.cast::<f32>().into(), pose.rotation.cast()),
+            picture: self.pictures.get(view).copied().flatten(),
+        })
     }
+}
+
+/// What one view saw.
+pub(crate) struct Seen {
+    /// Some of its points, evenly, about the origin of the scan.
+    pub(crate) points_mm: Vec<Point3<f32>>,
+    /// Pose of its camera among them.
+    pub(crate) cloud_from_camera: Isometry3<f32>,
+    /// Where its picture ends.
+    pub(crate) picture: Option<Picture>,
 }
 
 /// Points of a view that show where its surfaces end.

@@ -8,7 +8,7 @@ use crate::geometry::plane::Moments;
 use crate::geometry::statistics::DEVIATION_OF_MEDIAN;
 use crate::geometry::table::{self, Rim};
 use crate::model::downsampling::Voxels;
-use crate::seam::input::RawScan;
+use crate::seam::input::{RawScan, Seen};
 use nalgebra::{Matrix2, Point3, Vector2, Vector3};
 use rayon::prelude::*;
 use std::collections::HashSet;
@@ -107,12 +107,17 @@ impl Support {
         table::surrounds(&voxels.cloud.points_mm, &self.normal, self.offset_mm, self.half_mm)
     }
 
+    /// Whether it is a table: its border is not seen. That of a plate of the work is, whatever noise hides of its sides.
+    pub(crate) fn is_table(&self, scan: &RawScan) -> bool {
+        !scan.cameras_known || self.leaves_pictures(scan)
+    }
+
     /// Whether the pictures end before it does, for the most part: a table, or a plate as large.
     pub(crate) fn leaves_pictures(&self, scan: &RawScan) -> bool {
         let half_mm = self.half_mm;
         Rim::of_all((0..scan.view_names.len()).filter_map(|k| {
-            let (points, pose, picture) = scan.seen_by(k)?;
-            Some(table::rim(&points, &pose, picture, |p| self.height_mm(p).abs() < half_mm))
+            let Seen { points_mm, cloud_from_camera, picture } = scan.seen_by(k)?;
+            Some(table::rim(&points_mm, &cloud_from_camera, picture, |p| self.height_mm(p).abs() < half_mm))
         }))
         .is_far()
     }
@@ -152,11 +157,6 @@ pub fn find(voxels: &Voxels) -> Option<Support> {
     };
     let table = found.iter().filter(is_layer).max_by(|a, b| a.share.total_cmp(&b.share))?;
     Some(table.clear_of_sheet(voxels))
-}
-
-/// The support of a cloud that is a table: its border is not seen. That of a plate of the work is, whatever noise hides of its sides.
-pub(crate) fn table(voxels: &Voxels, scan: &RawScan) -> Option<Support> {
-    find(voxels).filter(|support| !scan.cameras_known || support.leaves_pictures(scan))
 }
 
 /// The largest plane that may be a table as well as a plate of the work: it surrounds what stands on it, and nothing faces as it does
