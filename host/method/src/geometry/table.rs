@@ -255,9 +255,15 @@ const MOST_CELLS: f32 = 64.0;
 mod tests {
     use super::*;
 
+    impl Picture {
+        fn times(self, by: f32) -> Self {
+            Self { low: self.low.map(|slope| by * slope), high: self.high.map(|slope| by * slope) }
+        }
+    }
+
     /// A camera 400 mm over a floor of so many mm a side, of which it sees 400 x 300 mm, and a post on it; in the corners of its
     /// picture something below.
-    fn leaves(side_mm: f32) -> bool {
+    fn leaves(side_mm: f32, picture: Option<Picture>) -> bool {
         const STEP_MM: f32 = 4.0;
         let across = |mm: f32| (0..(mm / STEP_MM) as i32).map(move |k| STEP_MM * (k as f32 + 0.5) - 0.5 * mm);
         let all = across(400.0).flat_map(|x| across(300.0).map(move |y| (x, y)));
@@ -277,14 +283,18 @@ mod tests {
         let points: Vec<Point3<f32>> = all.filter(is_there).map(at).collect();
         let down = Isometry3::rotation(Vector3::x() * std::f32::consts::PI);
         let camera = Isometry3::translation(0.0, 0.0, 400.0) * down;
-        rim(&points, &camera, None, |p| p.z.abs() < 1.0).is_far()
+        rim(&points, &camera, picture, |p| p.z.abs() < 1.0).is_far()
     }
 
     #[test]
     fn a_table_leaves_the_picture_and_a_plate_does_not() {
-        assert!(leaves(1000.0), "it ends nowhere in it");
-        assert!(leaves(330.0), "it ends on two sides, which are the shorter ones");
-        assert!(!leaves(250.0), "it ends within it all round");
+        assert!(leaves(1000.0, None), "it ends nowhere in it");
+        assert!(leaves(330.0, None), "it ends on two sides, which are the shorter ones");
+        assert!(!leaves(250.0, None), "it ends within it all round");
+        let picture = |wider: f32| Some(Picture { low: [-0.5, -0.375], high: [0.5, 0.375] }.times(wider));
+        assert!(leaves(1000.0, picture(1.0)) && leaves(330.0, picture(1.0)));
+        assert!(leaves(1000.0, picture(1.1)), "a camera may see nothing at the sides of its sensor");
+        assert!(!leaves(1000.0, picture(2.0)), "what fills all that was seen ends in a larger picture");
         assert!(!rim(&[], &Isometry3::identity(), None, |_| true).is_far(), "nothing is seen");
     }
 }
