@@ -98,10 +98,12 @@ impl Scale {
     /// Which voxels of this size are kept.
     pub fn occupancy(&self) -> Occupancy {
         let of_one_view = (self.edge_mm / self.spacing_mm.max(LEAST_SPACING_MM)).powi(2);
-        let least_around = if self.least == 1 || (!self.from_sides && of_one_view > THIN_POINTS) {
-            f32::INFINITY
-        } else {
+        let least_around = if self.from_sides {
             LEAST_AROUND.max(CROSSED * AT_A_SLANT * of_one_view)
+        } else if of_one_view < THIN_POINTS {
+            LEAST_AROUND
+        } else {
+            f32::INFINITY
         };
         Occupancy { least: self.least, least_around }
     }
@@ -209,9 +211,6 @@ impl Voxels {
     /// and better seen on its near side: in the neighbourhoods of both they would pass for its scatter.
     fn doubtful(&self, least: f32) -> Vec<bool> {
         let is_thin = |k: usize| self.count[k] < least;
-        if !(0..self.cloud.len()).any(is_thin) {
-            return Vec::new();
-        }
         let dense: Vec<usize> = (0..self.cloud.len()).filter(|&k| !is_thin(k)).collect();
         let places: Vec<Point3<f32>> = dense.iter().map(|&k| self.cloud.points_mm[k]).collect();
         let reach_mm = BACK_VOXELS * self.edge_mm;
@@ -310,8 +309,8 @@ pub fn voxel_grid(merged: &Merged, edge_mm: f32, occupancy: Occupancy) -> Voxels
         view: sights.iter().map(|seen| seen.most.0).collect(),
         edge_mm: cells.cell_mm(),
     };
-    let doubtful = voxels.doubtful(occupancy.least as f32);
-    if doubtful.contains(&true) {
+    if occupancy.least > 1 && is_from_sides(merged) {
+        let doubtful = voxels.doubtful(occupancy.least as f32);
         voxels.retain(|k| !doubtful[k]);
     }
     voxels
