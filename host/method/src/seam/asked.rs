@@ -104,14 +104,10 @@ impl Wish<'_> {
                 Ok(answer) => return answer,
             }
         }
+        let on_table = !all.1.is_empty();
         match self.step() {
             Ok(answer) => answer,
-            Err(why) => match self.best(&traced(self.input, &all.1, &trace)) {
-                Ok(answer) => on_table(answer),
-                Err(on_table) => {
-                    Answer::Nothing(missed.or(why).or(on_table).unwrap_or_else(|| self.absent(&near)))
-                }
-            },
+            Err(why) => Answer::Nothing(missed.or(why).unwrap_or_else(|| self.absent(&near, on_table))),
         }
     }
 
@@ -250,7 +246,10 @@ impl Wish<'_> {
     }
 
     /// What is there in place of an inside corner.
-    fn absent(&self, near: &[usize]) -> String {
+    fn absent(&self, near: &[usize], on_table: bool) -> String {
+        if on_table {
+            return "the only inside corner there is where the work rests on the table".into();
+        }
         let normals = &self.input.model.voxels.cloud.normals;
         let alike = |n: usize| near.iter().filter(|&&k| normals[k].dot(&normals[n]) > ONE_WAY).count();
         let few = near.iter().step_by(1 + near.len() / LEAST_POINTS);
@@ -259,19 +258,6 @@ impl Wish<'_> {
             return "there is one face, or two that are flush, and no corner".into();
         }
         "no two faces meet there in an inside corner: the edge is an outside one, or goes another way".into()
-    }
-}
-
-/// A seam on what seems to be the table: who asks for it says that this is a plate of the work.
-fn on_table(answer: Answer) -> Answer {
-    match answer {
-        Answer::Found(mut seam) => {
-            seam.warnings.push(
-                "one of its faces seems to be the table: it is offered because it was asked for".into(),
-            );
-            Answer::Found(seam)
-        }
-        answer => answer,
     }
 }
 

@@ -48,9 +48,7 @@ impl Unwelded {
 
     fn in_words(&self) -> String {
         let why = match self.reason {
-            WhyUnwelded::Table => {
-                "is where the work seems to rest on a table; if that is a plate of the work, ask for the seam"
-            }
+            WhyUnwelded::Table => "is where the work rests on the table",
             WhyUnwelded::InnerFoot => {
                 "is a piece of the inner foot of a closed wall; if it is to be welded, ask for it"
             }
@@ -60,7 +58,7 @@ impl Unwelded {
         let whole = |v: f64| v.round() + 0.0;
         let place = |p: &Point3<f64>| format!("{},{},{}", whole(p.x), whole(p.y), whole(p.z));
         let ask = match self.reason {
-            WhyUnwelded::Table | WhyUnwelded::InnerFoot => {
+            WhyUnwelded::InnerFoot => {
                 let places: Vec<String> = self.asked_by().map(place).collect();
                 format!(" (--ask \"{}\")", places.join(";"))
             }
@@ -209,7 +207,7 @@ mod tests {
             line_mm: (0..=20)
                 .map(|k| Point3::new(from_mm + (to_mm - from_mm) * f64::from(k) / 20.0, 0.0, 0.0))
                 .collect(),
-            reason: WhyUnwelded::Table,
+            reason: WhyUnwelded::InnerFoot,
             words: String::new(),
         };
         let seam = Seam { stations: Vec::new(), ..foot(45.0, 1, 1.0) };

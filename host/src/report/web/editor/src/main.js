@@ -202,10 +202,11 @@ function groupNamedIn(text, id) {
   return group && { group, key };
 }
 
-// Beside each inside corner that is no seam, a button that asks for one there.
+// Beside each inside corner that is no seam, a button that asks for one there. On the table none is found.
 function asks() {
   for (const item of document.querySelectorAll("#unwelded li")) {
-    const { line_mm } = page.content.summary.unwelded.find(({ id }) => id === Number(item.dataset.unwelded));
+    const { line_mm, reason } = page.content.summary.unwelded.find(({ id }) => id === Number(item.dataset.unwelded));
+    if (reason === "table") continue;
     // Places enough to follow a bend, as few as a person would click.
     const every = Math.max(1, Math.ceil(line_mm.length / 12));
     const between_mm = line_mm.filter((_, k) => k % every === 0 || k === line_mm.length - 1);
