@@ -81,7 +81,6 @@ pub fn find(input: &Input, config: &SeamConfig) -> Found {
         }
         seams.append(&mut steps);
     }
-    let mut unwelded = unwelded::inner_feet(&mut seams);
     mark_branches(&mut seams, JUNCTION_VOXELS * f64::from(v));
     order(&mut seams);
     let on_table = corners.on_table.iter().map(|corner| corner.position);
@@ -93,9 +92,9 @@ pub fn find(input: &Input, config: &SeamConfig) -> Found {
         resting::mark_lying(&mut seams, table.as_ref(), input);
     }
     let warnings = unsure.iter().map(left_out).collect();
-    unwelded.extend(unsure.iter().map(|seam| Unwelded::of(seam, WhyUnwelded::Unsure, left_out(seam))));
-    unwelded.extend(corners.unwelded(input, &config.trace));
-    let unwelded = unwelded::told(unwelded, &seams, f64::from(v));
+    let unsure_lines = unsure.iter().map(|seam| Unwelded::of(seam, WhyUnwelded::Unsure, left_out(seam)));
+    let lines = unsure_lines.chain(corners.unwelded(input, &config.trace)).collect();
+    let unwelded = unwelded::told(lines, &seams, f64::from(v));
     let reason = unsure.first().map(left_out);
     let reason = reason.or_else(|| unwelded.first().map(|line| line.words.clone()));
     Found {

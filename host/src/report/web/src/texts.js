@@ -106,8 +106,8 @@ export const TEXTS = /* @__PURE__ */ texts("TEXTS", {
   unwelded: (n) => (n === 1 ? "1 other inside corner" : `${n} other inside corners`),
   unweldedOf: (mm, why) => `${mm} mm: ${why}`,
   whyUnwelded: {
-    table: "the work rests on the table there", unsure: "too little was seen of it", short: "too short to weld",
-    "inner-foot": "a piece of the inner foot of a closed wall", "unknown-side": "unknown which side is air",
+    table: "the work rests on the table there", unsure: "too little was seen of it", 
+    "unknown-side": "unknown which side is air",
   },
   columns: { seam: "seam, joint", length: "length, mm", error: "error, mm", confidence: "confidence" },
   errorTitle: "expected error of the tip, one standard deviation across the seam",
