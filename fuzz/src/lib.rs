@@ -195,7 +195,6 @@ pub fn plan(bytes: &[u8]) {
     }
     let view = View {
         mesh: None,
-        picture: None,
         name: "hostile".into(),
         points_mm,
         normals: Vec::new(),

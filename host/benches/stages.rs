@@ -90,7 +90,6 @@ fn view(points_mm: Vec<Point3<f32>>) -> View {
         base_from_camera: camera,
         camera_known: true,
         mesh: None,
-        picture: None,
     }
 }
 
@@ -151,7 +150,6 @@ fn icp_of_two_views(bencher: Bencher, case: Case) {
         base_from_camera: Translation3::from(camera).into(),
         camera_known: true,
         mesh: None,
-        picture: None,
     };
     let [first, second] = pair.cameras_mm;
     let views = [(pair.target, first), (pair.source, second)].map(seen);
@@ -201,7 +199,6 @@ fn seam(bencher: Bencher, case: Case) {
         index: &raw,
         registration: None,
         view_names: vec!["view"],
-        pictures: vec![None],
         cameras_known: true,
         table_shown: false,
     };

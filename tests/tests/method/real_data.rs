@@ -222,7 +222,6 @@ fn lidar(path: &Path) -> View {
         base_from_camera: Isometry3::identity(),
         camera_known: true,
         mesh: None,
-        picture: None,
         ..view
     }
 }

@@ -334,15 +334,7 @@ impl Job<'_> {
         let points_mm = depth::points_mm(&read_file(&file)?, rays, &file)?;
         let name = name_of(&file);
         Ok((
-            View {
-                name,
-                points_mm,
-                normals: Vec::new(),
-                base_from_camera,
-                camera_known: true,
-                mesh: None,
-                picture: rays.picture(),
-            },
+            View { name, points_mm, normals: Vec::new(), base_from_camera, camera_known: true, mesh: None },
             file,
             Vec::new(),
         ))

@@ -91,7 +91,6 @@ impl ScaleSearch<'_> {
             index: self.raw,
             registration: Some(self.registration),
             view_names: self.views.iter().map(|view| view.name.as_str()).collect(),
-            pictures: self.views.iter().map(|view| view.picture).collect(),
             cameras_known: self.cameras_known(),
             table_shown: false,
         }
