@@ -195,6 +195,7 @@ pub fn plan(bytes: &[u8]) {
     }
     let view = View {
         mesh: None,
+        picture: None,
         name: "hostile".into(),
         points_mm,
         normals: Vec::new(),

@@ -90,6 +90,7 @@ fn view(points_mm: Vec<Point3<f32>>) -> View {
         base_from_camera: camera,
         camera_known: true,
         mesh: None,
+        picture: None,
     }
 }
 
@@ -150,6 +151,7 @@ fn icp_of_two_views(bencher: Bencher, case: Case) {
         base_from_camera: Translation3::from(camera).into(),
         camera_known: true,
         mesh: None,
+        picture: None,
     };
     let [first, second] = pair.cameras_mm;
     let views = [(pair.target, first), (pair.source, second)].map(seen);
@@ -196,9 +198,11 @@ fn seam(bencher: Bencher, case: Case) {
     let index = Grid::new(&model.points_mm, reach_mm);
     let scan = seam::RawScan {
         merged: &merged,
+        excluded: None,
         index: &raw,
         registration: None,
         view_names: vec!["view"],
+        pictures: vec![None],
         cameras_known: true,
         table_shown: false,
     };

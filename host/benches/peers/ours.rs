@@ -270,6 +270,7 @@ fn seen_from(points: Vec<Point3<f32>>, camera_mm: &Value) -> View {
         base_from_camera: Translation3::from(camera_mm).into(),
         camera_known: true,
         mesh: None,
+        picture: None,
     }
 }
 

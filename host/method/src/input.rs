@@ -501,6 +501,7 @@ fn view_of(
         base_from_camera: translation(origin * mm_per_unit),
         camera_known: camera.is_some(),
         mesh: None,
+        picture: None,
     }
 }
 

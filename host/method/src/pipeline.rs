@@ -19,6 +19,7 @@ use self::reconstruction::Reconstruction;
 use crate::cancellation::unless_given_up;
 use crate::geometry::cloud::View;
 use crate::geometry::grid::Grid;
+use crate::seam::Found;
 use crate::seam::measure::coverage;
 use crate::weld::SeamPath;
 
@@ -102,7 +103,8 @@ fn steps(kept: &mut Kept, views: &[View], config: &Config, stages: &mut Stages) 
     let said = Remarks { warnings: survey.warnings(&merged, &result, &tacks, &coverage), unmet, undrawn };
     let derived = survey.derived(&merged, &result, &stages.times);
     let model = result.model.scene().1.clone();
-    Ok(Plan { model, seams: result.found.seams, paths, coverage, tacks, derived, said, ..Plan::default() })
+    let Found { seams, unwelded, .. } = result.found;
+    Ok(Plan { model, seams, unwelded, paths, coverage, tacks, derived, said, ..Plan::default() })
 }
 
 /// The steps of a plan that the next one may go on from; they are as large as the scan.

@@ -28,9 +28,11 @@ mod ordering;
 pub mod refine;
 pub mod score;
 pub mod trace;
+mod unwelded;
 
 pub use error::ErrorParts;
 pub use input::{Cues, INDEX_VOXELS, Input, RawScan, SurfaceModel};
+pub use unwelded::{Unwelded, WhyUnwelded};
 
 use crate::model::orientation::Orientation;
 use measure::dimension::Dimension;
@@ -217,6 +219,8 @@ pub struct Found {
     pub seams: Vec<Seam>,
     /// What the user should know.
     pub warnings: Vec<String>,
+    /// Inside corners that are seen and are none of these.
+    pub unwelded: Vec<Unwelded>,
     /// Why there is no seam, if there is none.
     pub reason: String,
     /// Whether the air side of the faces is assumed, as the cloud looks nearly alike from both.
@@ -249,6 +253,9 @@ impl Found {
         if let (true, Some(first)) = (known.is_empty(), words.first()) {
             self.reason.clone_from(first);
         }
+        let both = unknown.iter().zip(&words);
+        self.unwelded
+            .extend(both.map(|(seam, words)| Unwelded::of(seam, WhyUnwelded::UnknownSide, words.clone())));
         self.warnings.extend(words);
         self.seams = known;
         if oriented.assumed {

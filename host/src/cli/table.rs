@@ -6,8 +6,8 @@ use std::path::Path;
 use weldpath::output::summary::Source;
 use weldpath::pipeline::{BaseFrame, CameraFinding, Plan, ViewReport};
 use weldpath::run::postprocessing::Output;
-use weldpath::seam::Seam;
 use weldpath::seam::measure::dimension::Dimension;
+use weldpath::seam::{Seam, Unwelded, WhyUnwelded};
 use weldpath::weld::position::Position;
 
 use super::warnings;
@@ -25,6 +25,7 @@ pub(super) fn result(plan: &Plan, output: &Output, source: &Source, out: &Path, 
     for seam in &plan.seams {
         text.push_str(&row(seam, output));
     }
+    unwelded(&mut text, plan, verbose);
     for note in &source.notes {
         line(&mut text, note);
     }
@@ -45,6 +46,26 @@ pub(super) fn result(plan: &Plan, output: &Output, source: &Source, out: &Path, 
     let names: Vec<&str> = output.files.iter().map(|file| file.name.as_str()).collect();
     line(&mut text, &format!("{}: {}", out.display(), names.join(", ")));
     text
+}
+
+/// Inside corners that are no seams: all of them, or how many there are off the table.
+fn unwelded(text: &mut String, plan: &Plan, verbose: bool) {
+    if verbose {
+        plan.unwelded.iter().for_each(|corner| line(text, &format!("not a seam: {}", corner.words)));
+        return;
+    }
+    let off_table: Vec<f64> = plan
+        .unwelded
+        .iter()
+        .filter(|corner| corner.reason != WhyUnwelded::Table)
+        .map(Unwelded::length_mm)
+        .collect();
+    let Some(longest_mm) = off_table.iter().copied().reduce(f64::max) else { return };
+    let corners = match off_table.len() {
+        1 => format!("1 inside corner of {longest_mm:.0} mm is"),
+        n => format!("{n} inside corners of up to {longest_mm:.0} mm are"),
+    };
+    line(text, &format!("{corners} seen and not offered as seams: --verbose says where and why"));
 }
 
 /// What was measured of each seam, derived from the data, and how each view moved.

@@ -13,7 +13,7 @@ use base64::engine::general_purpose::STANDARD;
 use nalgebra::{Point2, Point3, Vector2, Vector3};
 use rayon::prelude::*;
 use std::fmt::Write;
-use weldpath_method::seam::Seam;
+use weldpath_method::seam::{Seam, Unwelded};
 
 /// Size of a view, px.
 const WIDTH: f64 = 660.0;
@@ -131,6 +131,7 @@ fn view(run: &Run, colours: &[[f32; 3]], name: &str, projection: &Projection) ->
         text,
         format_args!("<image width=\"{WIDTH}\" height=\"{HEIGHT}\" href=\"data:image/png;base64,{png}\"/>\n"),
     );
+    run.plan.unwelded.iter().for_each(|corner| thin_line(text, corner, projection));
     run.plan.seams.iter().for_each(|seam| line(text, seam, projection));
     run.output.paths.iter().for_each(|path| {
         let every = path.points.len().div_ceil(ARROWS).max(1);
@@ -157,13 +158,30 @@ fn voxel_mm(run: &Run) -> f64 {
     run.plan.derived.parameters.iter().find(|d| d.name == "voxel_mm").map_or(1.0, |d| d.value)
 }
 
-fn line(text: &mut String, seam: &Seam, projection: &Projection) {
-    let places = seam.stations.iter().chain(seam.stations.first().filter(|_| seam.closed));
+/// An inside corner that is no seam.
+fn thin_line(text: &mut String, corner: &Unwelded, projection: &Projection) {
+    let points = points(corner.line_mm.iter(), projection);
+    add(
+        text,
+        format_args!(
+            "<polyline fill=\"none\" stroke=\"#b36b00\" stroke-width=\"1.4\" points=\"{points}\"/>\n"
+        ),
+    );
+}
+
+/// Places of a line within the view, px.
+fn points<'a>(places_mm: impl Iterator<Item = &'a Point3<f64>>, projection: &Projection) -> String {
     let mut points = String::new();
-    for station in places {
-        let p = projection.place(&station.position_mm).0;
+    for place_mm in places_mm {
+        let p = projection.place(place_mm).0;
         add(&mut points, format_args!("{:.1},{:.1} ", p.x, p.y));
     }
+    points
+}
+
+fn line(text: &mut String, seam: &Seam, projection: &Projection) {
+    let places = seam.stations.iter().chain(seam.stations.first().filter(|_| seam.closed));
+    let points = points(places.map(|station| &station.position_mm), projection);
     let colour = css(of_seam(seam.id));
     let stroke = "fill=\"none\" stroke-linejoin=\"round\" stroke-linecap=\"round\"";
     for (colour, width) in [("#ffffff", 6.5), (colour.as_str(), 3.5)] {

@@ -112,6 +112,7 @@ fn whole_plan() {
     let seen = cloud.points_mm.iter().map(|p| p - camera.translation.vector.cast::<f32>()).collect();
     let view = View {
         mesh: None,
+        picture: None,
         name: "view".into(),
         points_mm: seen,
         normals: Vec::new(),

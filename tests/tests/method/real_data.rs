@@ -222,6 +222,7 @@ fn lidar(path: &Path) -> View {
         base_from_camera: Isometry3::identity(),
         camera_known: true,
         mesh: None,
+        picture: None,
         ..view
     }
 }

@@ -41,6 +41,7 @@ fn so_is_a_lone_cloud_in_random_order_whose_camera_nobody_knows() {
         base_from_camera: Isometry3::identity(),
         camera_known: false,
         mesh: None,
+        picture: None,
     };
     assert_same("butt joint", &[view]);
 }

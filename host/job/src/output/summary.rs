@@ -16,7 +16,7 @@ use weldpath_method::pipeline::touch::{Residual, Touched};
 use weldpath_method::pipeline::{self, Plan, ViewReport};
 use weldpath_method::seam::measure::coverage::Gap;
 use weldpath_method::seam::measure::dimension::Dimension;
-use weldpath_method::seam::{ErrorParts, Joint, Seam};
+use weldpath_method::seam::{ErrorParts, Joint, Seam, Unwelded, WhyUnwelded};
 use weldpath_method::weld::SeamPath;
 use weldpath_method::weld::position::{Position, positions};
 
@@ -37,6 +37,7 @@ pub struct Summary {
     base_frame: BaseFrameSummary,
     touch: Option<TouchSummary>,
     seams: Vec<SeamSummary>,
+    unwelded: Vec<UnweldedSummary>,
     coverage: Vec<Stretch>,
     tacks: Vec<TackSummary>,
     stages: Vec<Stage>,
@@ -116,6 +117,16 @@ struct SeamSummary {
     warnings: Vec<String>,
 }
 
+/// An inside corner that is seen and is no seam.
+#[derive(Debug, Serialize)]
+struct UnweldedSummary {
+    id: usize,
+    line_mm: Vec<[f64; 3]>,
+    length_mm: f64,
+    reason: WhyUnwelded,
+    words: String,
+}
+
 /// What the expected error of a seam comes from.
 #[derive(Debug, Serialize)]
 struct ErrorPartsSummary {
@@ -184,6 +195,7 @@ impl Summary {
             base_frame: BaseFrameSummary::new(plan),
             touch: plan.derived.touch.as_ref().map(touch),
             seams: plan.seams.iter().map(|seam| seam_summary(seam, lines, paths, up)).collect(),
+            unwelded: (1..).zip(&plan.unwelded).map(|(id, line)| unwelded(id, line)).collect(),
             coverage: plan.coverage.iter().map(stretch).collect(),
             tacks: plan.tacks.iter().map(tack).collect(),
             stages: plan
@@ -325,6 +337,17 @@ fn seam_summary(seam: &Seam, lines: &[SeamPath], paths: &[SeamPath], up: UnitVec
         dimensions: seam.dimensions.iter().map(measured).collect(),
         reason: seam.reason.clone(),
         warnings: seam.warnings.clone(),
+    }
+}
+
+fn unwelded(id: usize, line: &Unwelded) -> UnweldedSummary {
+    let round = |v: f64| (100.0 * v).round() / 100.0;
+    UnweldedSummary {
+        id,
+        line_mm: line.line_mm.iter().map(|p| [p.x, p.y, p.z].map(round)).collect(),
+        length_mm: round(line.length_mm()),
+        reason: line.reason,
+        words: line.words.clone(),
     }
 }
 

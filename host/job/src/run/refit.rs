@@ -133,7 +133,9 @@ pub fn refit(program: &[Waypoint], model: &PointCloud, new: &PointCloud) -> Resu
     let many = sample(&part.surface, FINE_POINTS);
     let mut all = sample(&part.edges, FINE_POINTS / 3);
     all.extend(&many);
-    let finals = candidates(&part, new).into_iter().map(|start| {
+    // What hardly moved needs no search, which other surfaces may lead astray.
+    let starts = std::iter::once(Isometry3::identity()).chain(candidates(&part, new));
+    let finals = starts.map(|start| {
         let pose = align(&all, &target, &start, &part.centre, &FINE_GATES_MM);
         (share(&many, &target, &pose, FOUND_MM), pose)
     });

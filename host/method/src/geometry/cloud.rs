@@ -22,6 +22,17 @@ pub struct View {
     pub camera_known: bool,
     /// The mesh that the points were spread over, in the view's own frame.
     pub mesh: Option<Arc<Mesh>>,
+    /// Where the picture ends that it came from, if it came from one.
+    pub picture: Option<Picture>,
+}
+
+/// The part of the world that a camera's picture shows: the least and largest slopes x/z and y/z of its rays.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Picture {
+    /// Least.
+    pub low: [f32; 2],
+    /// Largest.
+    pub high: [f32; 2],
 }
 
 impl View {

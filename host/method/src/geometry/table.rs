@@ -2,6 +2,7 @@
 //!
 //! Lengths are millimetres, or whatever the unit of a file is that is not known yet.
 
+use crate::geometry::cloud::Picture;
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 use rayon::prelude::*;
 
@@ -155,23 +156,45 @@ pub(crate) fn carries(points: &[Point3<f32>], up: &Vector3<f32>, level_mm: f32, 
     (0..WAYS / 2).all(|k| ahead[k] || ahead[k + WAYS / 2])
 }
 
-/// Whether what is on a plane ends at the sides of the picture that one camera took of it rather than within, where nothing is
-/// seen beyond it: the border of a table is far away, that of a plate is seen. What hides some of it tells neither.
-pub(crate) fn leaves_picture(
+/// Where what is on a plane ends in the picture that one camera took of it. What hides some of it is neither.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(crate) struct Rim {
+    /// Length at the sides of the picture, in cells.
+    cut: usize,
+    /// Length within the picture, where nothing is seen beyond it.
+    ends: usize,
+}
+
+impl Rim {
+    /// Of all pictures together.
+    pub(crate) fn of_all(rims: impl Iterator<Item = Self>) -> Self {
+        rims.fold(Self::default(), |sum, rim| Self { cut: sum.cut + rim.cut, ends: sum.ends + rim.ends })
+    }
+
+    /// Whether the pictures end before the plane does: the border of a table is far away, that of a plate is seen.
+    pub(crate) const fn is_far(self) -> bool {
+        self.cut > self.ends
+    }
+}
+
+/// Where what is on a plane ends in the picture that one camera took of it.
+pub(crate) fn rim(
     points: &[Point3<f32>],
     cloud_from_camera: &Isometry3<f32>,
+    picture: Option<Picture>,
     is_on: impl Fn(&Point3<f32>) -> bool,
-) -> bool {
+) -> Rim {
     let camera_from_cloud = cloud_from_camera.inverse();
     let ray = |p: &Point3<f32>| {
         let p = camera_from_cloud * p;
         (p.z > 0.0).then(|| [p.x / p.z, p.y / p.z])
     };
     let rays: Vec<([f32; 2], bool)> = points.iter().filter_map(|p| Some((ray(p)?, is_on(p)))).collect();
-    let Some(&(first, _)) = rays.first() else { return false };
+    let Some(&(first, _)) = rays.first() else { return Rim::default() };
     let (low, high) = rays.iter().fold((first, first), |(low, high), (ray, _)| {
         ([0, 1].map(|k| low[k].min(ray[k])), [0, 1].map(|k| high[k].max(ray[k])))
     });
+    let (low, high) = picture.map_or((low, high), |picture| picture.around(low, high));
     let sides = [high[0] - low[0], high[1] - low[1]];
     let cell = (sides[0] * sides[1] * POINTS_TO_CELL / points.len() as f32).sqrt();
     let cell = cell.max(sides[0].max(sides[1]) / MOST_CELLS);
@@ -194,7 +217,7 @@ pub(crate) fn leaves_picture(
         is_side(&mut (0..wide).map(|x| (x, 0))),
         is_side(&mut (0..wide).map(|x| (x, high - 1))),
     ];
-    let (mut cut, mut ends) = (0, 0);
+    let mut rim = Rim::default();
     for (x, y) in (0..high).flat_map(|y| (0..wide).map(move |x| (x, y))) {
         if at(x, y).is_none_or(|(seen, of_plane)| 2 * of_plane <= seen) {
             continue;
@@ -202,15 +225,28 @@ pub(crate) fn leaves_picture(
         let beyond = [(x.wrapping_sub(1), y), (x + 1, y), (x, y.wrapping_sub(1)), (x, y + 1)];
         for ((x, y), is_side) in beyond.into_iter().zip(is_side) {
             match at(x, y) {
-                None if is_side => cut += 1,
-                None | Some((0, _)) => ends += 1,
+                None if is_side => rim.cut += 1,
+                None | Some((0, _)) => rim.ends += 1,
                 Some(_) => {}
             }
         }
     }
-    cut > ends
+    rim
 }
 
+impl Picture {
+    /// The least and largest slopes that a picture shows whose outermost points have these. What ends far from a side of the sensor
+    /// ends within the picture; nearer to it, a camera may have no readings.
+    fn around(&self, low: [f32; 2], high: [f32; 2]) -> ([f32; 2], [f32; 2]) {
+        let wide = [0, 1].map(|k| BLIND * (self.high[k] - self.low[k]));
+        let low = [0, 1].map(|k| if low[k] - self.low[k] < wide[k] { low[k] } else { self.low[k] });
+        let high = [0, 1].map(|k| if self.high[k] - high[k] < wide[k] { high[k] } else { self.high[k] });
+        (low, high)
+    }
+}
+
+/// Widest strip at a side of a sensor without readings, as a share of the picture: the disparities that a stereo camera searches.
+const BLIND: f32 = 0.15;
 /// Points to a cell of the picture, in the mean: fewer leave holes that pass for borders; and the most cells along it.
 const POINTS_TO_CELL: f32 = 10.0;
 const MOST_CELLS: f32 = 64.0;
@@ -219,9 +255,15 @@ const MOST_CELLS: f32 = 64.0;
 mod tests {
     use super::*;
 
+    impl Picture {
+        fn times(self, by: f32) -> Self {
+            Self { low: self.low.map(|slope| by * slope), high: self.high.map(|slope| by * slope) }
+        }
+    }
+
     /// A camera 400 mm over a floor of so many mm a side, of which it sees 400 x 300 mm, and a post on it; in the corners of its
     /// picture something below.
-    fn leaves(side_mm: f32) -> bool {
+    fn leaves(side_mm: f32, picture: Option<Picture>) -> bool {
         const STEP_MM: f32 = 4.0;
         let across = |mm: f32| (0..(mm / STEP_MM) as i32).map(move |k| STEP_MM * (k as f32 + 0.5) - 0.5 * mm);
         let all = across(400.0).flat_map(|x| across(300.0).map(move |y| (x, y)));
@@ -241,14 +283,18 @@ mod tests {
         let points: Vec<Point3<f32>> = all.filter(is_there).map(at).collect();
         let down = Isometry3::rotation(Vector3::x() * std::f32::consts::PI);
         let camera = Isometry3::translation(0.0, 0.0, 400.0) * down;
-        leaves_picture(&points, &camera, |p| p.z.abs() < 1.0)
+        rim(&points, &camera, picture, |p| p.z.abs() < 1.0).is_far()
     }
 
     #[test]
     fn a_table_leaves_the_picture_and_a_plate_does_not() {
-        assert!(leaves(1000.0), "it ends nowhere in it");
-        assert!(leaves(330.0), "it ends on two sides, which are the shorter ones");
-        assert!(!leaves(250.0), "it ends within it all round");
-        assert!(!leaves_picture(&[], &Isometry3::identity(), |_| true), "nothing is seen");
+        assert!(leaves(1000.0, None), "it ends nowhere in it");
+        assert!(leaves(330.0, None), "it ends on two sides, which are the shorter ones");
+        assert!(!leaves(250.0, None), "it ends within it all round");
+        let picture = |wider: f32| Some(Picture { low: [-0.5, -0.375], high: [0.5, 0.375] }.times(wider));
+        assert!(leaves(1000.0, picture(1.0)) && leaves(330.0, picture(1.0)));
+        assert!(leaves(1000.0, picture(1.1)), "a camera may see nothing at the sides of its sensor");
+        assert!(!leaves(1000.0, picture(2.0)), "what fills all that was seen ends in a larger picture");
+        assert!(!rim(&[], &Isometry3::identity(), None, |_| true).is_far(), "nothing is seen");
     }
 }

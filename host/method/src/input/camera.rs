@@ -3,6 +3,7 @@
 use std::str::FromStr;
 use std::sync::OnceLock;
 
+use crate::geometry::cloud::Picture;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -276,6 +277,14 @@ pub(super) struct Rays {
 impl Rays {
     pub(super) const fn new(camera: Camera) -> Self {
         Self { camera, slopes: OnceLock::new() }
+    }
+
+    /// What of the world a picture shows; the rays of its corners are the outermost but for what a lens bends.
+    pub(super) fn picture(&self) -> Option<Picture> {
+        let Camera { width, height, .. } = self.camera;
+        let far = [width, height].map(|pixels| f64::from(pixels.saturating_sub(1)));
+        let [low, high] = [[0.0, 0.0], far].map(|corner| self.camera.ray(corner));
+        Some(Picture { low: low?.map(|slope| slope as f32), high: high?.map(|slope| slope as f32) })
     }
 
     /// To be asked for images of the camera's size only.

@@ -129,7 +129,8 @@ pub(super) fn read_single(bytes: &[u8], path: &Path, options: &Options) -> Resul
     };
     let depth_scale_m = options.depth_scale_m.unwrap_or(PRIMESENSE.depth_scale_m);
     let camera = given(intrinsics, bytes, depth_scale_m, path)?;
-    let points_mm = points_mm(bytes, &Rays::new(camera), path)?;
+    let rays = Rays::new(camera);
+    let points_mm = points_mm(bytes, &rays, path)?;
     if points_mm.is_empty() {
         return Err(Error::empty(path, "every pixel is 0 or 65535, the marks of no reading"));
     }
@@ -140,6 +141,7 @@ pub(super) fn read_single(bytes: &[u8], path: &Path, options: &Options) -> Resul
         base_from_camera: Isometry3::identity(),
         camera_known: true,
         mesh: None,
+        picture: rays.picture(),
     };
     let mut scan = Scan::of(vec![view], CloudFrame::Camera, path);
     scan.notes.push("frame: the camera's, since no pose is given".into());

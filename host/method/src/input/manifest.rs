@@ -334,7 +334,15 @@ impl Job<'_> {
         let points_mm = depth::points_mm(&read_file(&file)?, rays, &file)?;
         let name = name_of(&file);
         Ok((
-            View { name, points_mm, normals: Vec::new(), base_from_camera, camera_known: true, mesh: None },
+            View {
+                name,
+                points_mm,
+                normals: Vec::new(),
+                base_from_camera,
+                camera_known: true,
+                mesh: None,
+                picture: rays.picture(),
+            },
             file,
             Vec::new(),
         ))

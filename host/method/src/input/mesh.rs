@@ -285,7 +285,15 @@ fn sample(
         .push(format!("mesh of {} triangles sampled to {count} points, {spacing:.3} mm apart", facets.len()));
     let (points_mm, normals) = spread(&facets, area, count);
     let base_from_camera = translation(origin * mm_per_unit);
-    Ok(View { name: name_of(path), points_mm, normals, base_from_camera, camera_known: false, mesh: None })
+    Ok(View {
+        name: name_of(path),
+        points_mm,
+        normals,
+        base_from_camera,
+        camera_known: false,
+        mesh: None,
+        picture: None,
+    })
 }
 
 /// The mesh itself, relative to `origin`, and to what its file's numbers are right, mm.

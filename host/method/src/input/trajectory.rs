@@ -189,6 +189,7 @@ fn view(image: &Path, rays: &Rays, base_from_camera: Isometry3<f64>) -> Result<V
         base_from_camera,
         camera_known: true,
         mesh: None,
+        picture: rays.picture(),
     })
 }
 

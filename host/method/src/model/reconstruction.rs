@@ -50,6 +50,13 @@ impl Default for ReconstructionConfig {
     }
 }
 
+impl ReconstructionConfig {
+    /// The same where camera poses are known at least as well as this, mm and rad.
+    pub(crate) fn of_poses(&self, mm: f64, rad: f64) -> Self {
+        Self { prior_mm: self.prior_mm.min(mm), prior_rad: self.prior_rad.min(rad), ..self.clone() }
+    }
+}
+
 /// Where the views are, and how well that is known.
 #[derive(Debug, Clone)]
 pub struct Registration {
@@ -204,6 +211,7 @@ mod tests {
             base_from_camera,
             camera_known: true,
             mesh: None,
+            picture: None,
         }
     }
 

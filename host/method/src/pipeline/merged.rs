@@ -59,7 +59,7 @@ impl MergedViews {
 }
 
 fn without_points(view: &View) -> View {
-    let View { name, points_mm: _, normals: _, base_from_camera, camera_known, mesh } = view;
+    let View { name, points_mm: _, normals: _, base_from_camera, camera_known, mesh, picture } = view;
     View {
         name: name.clone(),
         points_mm: Vec::new(),
@@ -67,5 +67,6 @@ fn without_points(view: &View) -> View {
         base_from_camera: *base_from_camera,
         camera_known: *camera_known,
         mesh: mesh.clone(),
+        picture: *picture,
     }
 }

@@ -112,7 +112,16 @@ fn registered(
     config: &MergeConfig,
 ) -> Agreement {
     match method {
-        Method::Weldpath => agreement::agreeing(views, patches, &config.reconstruction),
+        Method::Weldpath => {
+            let known = match &config.anchor {
+                Some(Anchor::Cell(cell)) => {
+                    let [mm, rad] = cell.camera();
+                    config.reconstruction.of_poses(mm, rad)
+                }
+                _ => config.reconstruction.clone(),
+            };
+            agreement::agreeing(views, patches, &known)
+        }
         Method::Paper => {
             Agreement::of_all(reconstruction::chain::register(views, patches, &config.reconstruction))
         }

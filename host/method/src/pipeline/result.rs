@@ -6,9 +6,9 @@ use crate::geometry::surface::Surface;
 use crate::model::agreement::{HandEyeError, ViewReport};
 use crate::model::base_frame::{BaseFrame, CameraFinding};
 use crate::model::downsampling::{DISTANCE_VOXELS, HEIGHT_NOISES, RADIUS_VOXELS, Scale};
-use crate::seam::Seam;
 use crate::seam::measure::coverage;
 use crate::seam::score::edges;
+use crate::seam::{Seam, Unwelded};
 use crate::weld::SeamPath;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
@@ -22,6 +22,8 @@ pub struct Plan {
     pub model: PointCloud,
     /// Weldable seams in weld order.
     pub seams: Vec<Seam>,
+    /// Inside corners that are seen and are none of these.
+    pub unwelded: Vec<Unwelded>,
     /// One path per seam, in the same order.
     pub paths: Vec<SeamPath>,
     /// Stretches of the seams that should be scanned again.

@@ -88,9 +88,11 @@ impl ScaleSearch<'_> {
     pub(super) fn raw_scan(&self) -> RawScan<'_> {
         RawScan {
             merged: self.merged,
+            excluded: self.excluded,
             index: self.raw,
             registration: Some(self.registration),
             view_names: self.views.iter().map(|view| view.name.as_str()).collect(),
+            pictures: self.views.iter().map(|view| view.picture).collect(),
             cameras_known: self.cameras_known(),
             table_shown: false,
         }

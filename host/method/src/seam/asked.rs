@@ -143,7 +143,11 @@ impl Wish<'_> {
 
     /// The table, if it is one: the lowest plane of a cropped cloud is part of the work.
     fn table(&self) -> Option<&Support> {
-        let find = || self.input.scan.has_whole_views().then(|| support::find(self.input.scene)).flatten();
+        let scan = &self.input.scan;
+        let find = || {
+            let support = scan.has_whole_views().then(|| support::find(self.input.scene)).flatten();
+            support.filter(|support| support.is_table(scan))
+        };
         self.table.get_or_init(find).as_ref()
     }
 

@@ -15,6 +15,7 @@ use super::trace::corner::{self, CornerConfig};
 use super::trace::step::{self, StepConfig, StepModel};
 use super::trace::support::{self, Support};
 use super::trace::{Chain, InsideCorner, loops, splice};
+use super::unwelded::{self, Unwelded, WhyUnwelded};
 use super::{Found, Joint, Seam, Station, facets};
 use crate::geometry::mesh::Mesh;
 use nalgebra::Isometry3;
@@ -56,7 +57,8 @@ const OPEN_ROUNDS: usize = 3;
 pub fn find(input: &Input, config: &SeamConfig) -> Found {
     let v = input.model.voxel_mm();
     let scores = edges::score(&input.model);
-    let table = support::find(input.scene);
+    let support = support::find(input.scene);
+    let table = support.filter(|support| support.is_table(&input.scan));
     let corner_config = config.corner.for_scan(&input.scan);
     let corners = Corners::parted(corner::corners(&input.model, &scores, &corner_config), |c| {
         table.is_some_and(|t| c.faces.iter().any(|face| t.is_face(face, &c.position)))
@@ -83,16 +85,23 @@ pub fn find(input: &Input, config: &SeamConfig) -> Found {
     order(&mut seams);
     let on_table = corners.on_table.iter().map(|corner| corner.position);
     grip::mark_contacts(&mut seams, &corners.off_table, on_table, &input.model);
-    if let Some(table) = table.filter(|_| input.scan.is_one_view()) {
-        resting::mark_resting(&mut seams, &table, input);
+    if let Some(support) = support.filter(|_| input.scan.is_one_view()) {
+        resting::mark_resting(&mut seams, &support, input);
     }
     if input.scan.cameras_known {
         resting::mark_lying(&mut seams, table.as_ref(), input);
     }
+    let warnings = unsure.iter().map(left_out).collect();
+    let unsure_lines = unsure.iter().map(|seam| Unwelded::of(seam, WhyUnwelded::Unsure, left_out(seam)));
+    let lines = unsure_lines.chain(corners.unwelded(input, &config.trace)).collect();
+    let unwelded = unwelded::told(lines, &seams, f64::from(v));
+    let reason = unsure.first().map(left_out);
+    let reason = reason.or_else(|| unwelded.first().map(|line| line.words.clone()));
     Found {
         seams,
-        reason: unsure.first().map_or_else(|| corners.reason().into(), left_out),
-        warnings: unsure.iter().map(left_out).collect(),
+        reason: reason.unwrap_or_else(|| corners.reason().into()),
+        warnings,
+        unwelded,
         gate: scores.gate,
         intensity: scores.intensity,
         ..Found::default()
@@ -126,6 +135,19 @@ impl Corners {
         } else {
             chains
         }
+    }
+
+    /// Corners that may have made no seam.
+    fn unwelded(&self, input: &Input, config: &TraceConfig) -> Vec<Unwelded> {
+        let origin_mm = input.scan.merged.origin_mm;
+        let config = config.faint();
+        let lines = |corners: &[InsideCorner], reason| {
+            let mut chains = traced(input, corners, &config);
+            chains.sort_by(|a, b| b.length_mm().total_cmp(&a.length_mm()));
+            chains.into_iter().map(move |chain| Unwelded::of_chain(&chain, &origin_mm, reason))
+        };
+        let unsure = lines(&self.off_table, WhyUnwelded::Unsure);
+        unsure.chain(lines(&self.on_table, WhyUnwelded::Table)).collect()
     }
 
     /// Why they make no seam.

@@ -1,10 +1,10 @@
 //! What the steps before the seams hand over: the raw scan, the thinned model of it, and what is looked for in it.
 
-use crate::geometry::cloud::{Merged, PointCloud};
+use crate::geometry::cloud::{Merged, Picture, PointCloud};
 use crate::geometry::grid::Grid;
 use crate::model::downsampling::Voxels;
 use crate::model::reconstruction::Registration;
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 
 /// Edge of the cells in which the model is looked up, and radius of the neighbourhoods of edge scores, voxels. The paper
 /// gives none; chosen on the simulated scans.
@@ -24,14 +24,18 @@ pub struct Input<'a> {
 
 /// The registered views before anything was thinned or filtered.
 pub struct RawScan<'a> {
-    /// All raw points.
+    /// All raw points of the work.
     pub merged: &'a Merged,
-    /// Their spatial index.
+    /// The points that are excluded from the work.
+    pub excluded: Option<&'a Merged>,
+    /// Spatial index of the work's.
     pub index: &'a Grid,
     /// How sure the poses of the views are, if that is known.
     pub registration: Option<&'a Registration>,
     /// Names of the views, for messages.
     pub view_names: Vec<&'a str>,
+    /// Where their pictures end, as far as that is known.
+    pub pictures: Vec<Option<Picture>>,
     /// Whether every point was seen by a camera of known place.
     pub cameras_known: bool,
     /// Whether the table that the work stands on is in a cloud of unknown cameras.
@@ -49,13 +53,36 @@ impl RawScan<'_> {
         self.cameras_known && self.view_names.len() == 1
     }
 
-    /// Pose of the first view's camera among the points.
-    pub fn camera(&self) -> Option<Isometry3<f32>> {
-        let pose = self.registration?.base_from_camera.first()?;
+    /// What a view saw, the excluded too; none where its pose is unknown.
+    pub(crate) fn seen_by(&self, view: usize) -> Option<Seen> {
+        let pose = self.registration?.base_from_camera.get(view)?;
         let place = pose.translation.vector - self.merged.origin_mm.coords;
-        Some(Isometry3::from_parts(place.cast::<f32>().into(), pose.rotation.cast()))
+        let all = [Some(self.merged), self.excluded].into_iter().flatten();
+        let own: Vec<Point3<f32>> = all
+            .flat_map(|cloud| cloud.points_mm.iter().zip(&cloud.view))
+            .filter(|(_, of)| usize::from(**of) == view)
+            .map(|(point, _)| *point)
+            .collect();
+        Some(Seen {
+            points_mm: own.iter().step_by(own.len() / SAMPLE + 1).copied().collect(),
+            cloud_from_camera: Isometry3::from_parts(place.cast::<f32>().into(), pose.rotation.cast()),
+            picture: self.pictures.get(view).copied().flatten(),
+        })
     }
 }
+
+/// What one view saw.
+pub(crate) struct Seen {
+    /// Some of its points, evenly, about the origin of the scan.
+    pub(crate) points_mm: Vec<Point3<f32>>,
+    /// Pose of its camera among them.
+    pub(crate) cloud_from_camera: Isometry3<f32>,
+    /// Where its picture ends.
+    pub(crate) picture: Option<Picture>,
+}
+
+/// Points of a view that show where its surfaces end.
+const SAMPLE: usize = 20_000;
 
 /// The thinned, denoised cloud in which corners are sought.
 #[derive(Clone, Copy)]

@@ -46,13 +46,13 @@ pub(crate) fn of_scan(scan: &Scan) -> Key {
 }
 
 fn of_view(view: &View) -> Key {
-    let View { name, points_mm, normals, base_from_camera, camera_known, mesh } = view;
+    let View { name, points_mm, normals, base_from_camera, camera_known, mesh, picture } = view;
     let mut digest = Digest::default();
     digest.text(name);
     digest.numbers(points_mm.iter().flat_map(|p| [p.x, p.y, p.z].map(f32::to_le_bytes)));
     digest.numbers(normals.iter().flat_map(|n| [n.x, n.y, n.z].map(f32::to_le_bytes)));
     digest.shown(base_from_camera);
-    digest.shown(camera_known);
+    digest.shown(&(camera_known, picture));
     digest.count(usize::from(mesh.is_some()));
     if let Some(mesh) = mesh {
         of_mesh(&mut digest, mesh);

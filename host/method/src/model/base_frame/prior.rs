@@ -38,6 +38,14 @@ impl Default for CellAccuracy {
     }
 }
 
+impl CellAccuracy {
+    /// One standard deviation of a camera's pose, mm and rad, each axis.
+    pub(crate) fn camera(&self) -> [f64; 2] {
+        let rad = self.robot_deg.hypot(self.hand_eye_deg).to_radians();
+        [self.robot_mm.hypot(self.hand_eye_mm), rad]
+    }
+}
+
 /// What holds the model in the base frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Anchor {

@@ -24,7 +24,7 @@ pub(crate) fn mark_resting(seams: &mut [Seam], table: &Support, input: &Input) {
     }
     if table.surrounds(input.scene) {
         resting.iter_mut().for_each(|seam| seam.mark_contact(Contact::Table));
-    } else if input.scan.camera().is_some_and(|pose| table.leaves_picture(input.scene, &pose)) {
+    } else if table.leaves_pictures(&input.scan) {
         mark_flat(resting, table, input);
     }
 }

@@ -44,6 +44,11 @@ impl Default for TraceConfig {
 }
 
 impl TraceConfig {
+    /// For what is too short or too scattered to be offered.
+    pub(crate) fn faint(&self) -> Self {
+        Self { shortest_voxels: self.shortest_end_voxels, ..self.blurred() }
+    }
+
     /// For valleys whose faces blend into each other: single corners there scatter and lean with where they were fitted.
     pub fn blurred(&self) -> Self {
         Self { step_voxels: 2.5, beside_voxels: 2.5, turn_deg: 30.0, tilt_deg: 40.0, ..*self }

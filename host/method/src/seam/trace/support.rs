@@ -6,9 +6,10 @@
 use crate::geometry::cloud::PointCloud;
 use crate::geometry::plane::Moments;
 use crate::geometry::statistics::DEVIATION_OF_MEDIAN;
-use crate::geometry::table;
+use crate::geometry::table::{self, Rim};
 use crate::model::downsampling::Voxels;
-use nalgebra::{Isometry3, Matrix2, Point3, Vector2, Vector3};
+use crate::seam::input::{RawScan, Seen};
+use nalgebra::{Matrix2, Point3, Vector2, Vector3};
 use rayon::prelude::*;
 use std::collections::HashSet;
 
@@ -106,10 +107,19 @@ impl Support {
         table::surrounds(&voxels.cloud.points_mm, &self.normal, self.offset_mm, self.half_mm)
     }
 
-    /// Whether the picture of one camera ends before it does, for the most part: a table, or a plate as large.
-    pub(crate) fn leaves_picture(&self, voxels: &Voxels, cloud_from_camera: &Isometry3<f32>) -> bool {
-        let is_on = |p: &Point3<f32>| self.height_mm(p).abs() < self.half_mm;
-        table::leaves_picture(&voxels.cloud.points_mm, cloud_from_camera, is_on)
+    /// Whether it is a table: its border is not seen. That of a plate of the work is, whatever noise hides of its sides.
+    pub(crate) fn is_table(&self, scan: &RawScan) -> bool {
+        !scan.cameras_known || self.leaves_pictures(scan)
+    }
+
+    /// Whether the pictures end before it does, for the most part: a table, or a plate as large.
+    pub(crate) fn leaves_pictures(&self, scan: &RawScan) -> bool {
+        let half_mm = self.half_mm;
+        Rim::of_all((0..scan.view_names.len()).filter_map(|k| {
+            let Seen { points_mm, cloud_from_camera, picture } = scan.seen_by(k)?;
+            Some(table::rim(&points_mm, &cloud_from_camera, picture, |p| self.height_mm(p).abs() < half_mm))
+        }))
+        .is_far()
     }
 
     /// The plane of a face with this normal at this place, a voxel thick to either side.

@@ -17,7 +17,7 @@ const wish = new URLSearchParams(location.hash.slice(1));
 const COLOURINGS = ["height", "intensity", "normals", "view", "filter"];
 const CLOUDS = ["model", "unfiltered", "raw"];
 // What can be hidden, and whether it is shown at first.
-const SHOWN = [["frames", true], ["way", true], ["torch", true], ["arm", true], ["truth", true], ["cameras", false]];
+const SHOWN = [["unwelded", true], ["frames", true], ["way", true], ["torch", true], ["arm", true], ["truth", true], ["cameras", false]];
 
 function select(id, move = true) {
   const seam = seams.find((s) => s.id === id);
@@ -288,6 +288,7 @@ function words() {
   panel.tiles();
   panel.warnings(select);
   panel.list(select);
+  panel.unwelded((corner) => scene?.look("home", corner));
   panel.facts();
 }
 

@@ -98,6 +98,15 @@ export function list(onSelect) {
     el("tbody", {}, seams.map(row))));
 }
 
+// Inside corners that are no seams; `onLook` is given the one that is clicked.
+export function unwelded(onLook) {
+  const all = content.summary.unwelded;
+  const item = (corner) => el("li", { "data-unwelded": corner.id },
+    el("button", { type: "button", onclick: () => onLook(corner) }, TEXTS.unweldedOf(number(corner.length_mm), TEXTS.whyUnwelded[corner.reason])));
+  $("unwelded").hidden = !all.length;
+  $("unwelded").replaceChildren(el("summary", {}, TEXTS.unwelded(all.length)), el("ul", {}, all.map(item)));
+}
+
 // Keys that the details show in words of their own.
 const TOLD = ["id", "joint", "selected", "closed", "length_mm", "points", "confidence", "expected_error_mm", "expected_error_deg", "relative_mm", "error_parts_mm", "dimensions", "reason", "warnings", "colour", "line_mm"];
 

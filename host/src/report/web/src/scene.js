@@ -112,6 +112,7 @@ export class Scene {
   // The lines of a program, torch and arm. The clouds stay as they are on the graphics card.
   addProgram() {
     this.addSeams();
+    this.addUnwelded();
     this.addFrames();
     this.addWay();
     this.addTorch();
@@ -120,7 +121,7 @@ export class Scene {
 
   // What is drawn of a program anew, shown or hidden as it was.
   renew() {
-    const hidden = ["hidden", "seams", "frames", "way", "torch", "arm", "chosen"].filter((name) => this.drop(name) === false);
+    const hidden = ["hidden", "seams", "unwelded", "frames", "way", "torch", "arm", "chosen"].filter((name) => this.drop(name) === false);
     this.addProgram();
     for (const name of hidden) if (this.groups[name]) this.groups[name].visible = false;
     this.redraw();
@@ -151,6 +152,12 @@ export class Scene {
     // Hidden stretches show faintly.
     if (ORDERED) this.add("hidden", wide(pairs, colours, 3, { depthTest: false, depthWrite: false, transparent: true, opacity: 0.35 }));
     this.add("seams", wide(pairs, colours, ORDERED ? 4.5 : 1, { transparent: true, ...ABOVE })).renderOrder = 2;
+  }
+
+  // Inside corners that are no seams.
+  addUnwelded() {
+    const pairs = content.summary.unwelded.flatMap(({ line_mm }) => pairsOf(line_mm.map((p) => local(p).toArray())));
+    if (pairs.length) this.add("unwelded", wide(pairs, null, 1.8, { color: "#b36b00", transparent: true, opacity: 0.8, ...ABOVE })).renderOrder = 1;
   }
 
   // o red, m green, n blue, at most 60 a seam.

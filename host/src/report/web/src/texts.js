@@ -52,7 +52,7 @@ export const TEXTS = /* @__PURE__ */ texts("TEXTS", {
   clouds: { model: "denoised", unfiltered: "before the filter", raw: "raw scan" },
   colourBy: "colour by",
   colourings: { height: "height", intensity: "edge intensity", normals: "normals", view: "view", filter: "work of the filter" },
-  shown: { frames: "torch frames", way: "air moves", torch: "torch", arm: "robot", truth: "truth (white)", cameras: "cameras" },
+  shown: { unwelded: "other corners", frames: "torch frames", way: "air moves", torch: "torch", arm: "robot", truth: "truth (white)", cameras: "cameras" },
   looks: { home: "⌂", top: "top", front: "front", side: "side" },
   looksTitle: { home: "All seams (F)", top: "From the top", front: "From the front", side: "From the side" },
   play: "Play",
@@ -103,6 +103,12 @@ export const TEXTS = /* @__PURE__ */ texts("TEXTS", {
   // The list of seams and the details of one.
   noSeams: "No seam was found. Colour the model by edge intensity to see possible edges.",
   hasWarnings: "has warnings",
+  unwelded: (n) => (n === 1 ? "1 other inside corner" : `${n} other inside corners`),
+  unweldedOf: (mm, why) => `${mm} mm: ${why}`,
+  whyUnwelded: {
+    table: "the work rests on the table there", unsure: "too little was seen of it", 
+    "unknown-side": "unknown which side is air",
+  },
   columns: { seam: "seam, joint", length: "length, mm", error: "error, mm", confidence: "confidence" },
   errorTitle: "expected error of the tip, one standard deviation across the seam",
   parts: {
@@ -212,6 +218,8 @@ export const WORDS = /* @__PURE__ */ texts("WORDS", {
   copied: "The command is in the clipboard.",
   notCopied: "The browser does not let the page write to the clipboard: the command stands below, under the whole job.",
   ask: "Add a seam",
+  askHere: "Add as a seam",
+  askHereHint: "Look for a seam along this corner, and weld it if it is found",
   askHint: "Click places along a seam that was missed (A)",
   asking: (count) => `Add a seam: ${count < 2 ? `click ${count ? "another place" : "a place"} within 10 mm of it, or turn it under the cross and press the space bar` : `${count} places; Enter asks for it, more places follow a curve, a loop comes back to its first`}; Backspace takes the last one back, Escape gives up.`,
   asked: "Asked for: the next plan looks for it there (P).",

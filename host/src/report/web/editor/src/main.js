@@ -202,6 +202,18 @@ function groupNamedIn(text, id) {
   return group && { group, key };
 }
 
+// Beside each inside corner that is no seam, a button that asks for one there. On the table none is found.
+function asks() {
+  for (const item of document.querySelectorAll("#unwelded li")) {
+    const { line_mm, reason } = page.content.summary.unwelded.find(({ id }) => id === Number(item.dataset.unwelded));
+    if (reason === "table") continue;
+    // Places enough to follow a bend, as few as a person would click.
+    const every = Math.max(1, Math.ceil(line_mm.length / 12));
+    const between_mm = line_mm.filter((_, k) => k % every === 0 || k === line_mm.length - 1);
+    item.append(el("button", { type: "button", "data-ask": item.dataset.unwelded, title: WORDS.askHereHint, onclick: () => change({ edit: "ask", between_mm }) }, WORDS.askHere));
+  }
+}
+
 // A button behind a text that leads to the setting it names: of its seam, or of the whole job.
 function leads() {
   for (const item of document.querySelectorAll("#reasons li, #warnings li")) {
@@ -362,6 +374,7 @@ toolbar();
 keyboard();
 if (page) {
   ticks();
+  asks();
   reasons();
   leads();
   panel();
@@ -386,6 +399,7 @@ async function takePlan() {
   const refocus = focused();
   page.renew(last.content);
   ticks();
+  asks();
   reasons();
   leads();
   refocus();

@@ -1,0 +1,110 @@
+//! Inside corners that are seen and not offered as seams (ours): where they run, and why not. Nothing vanishes without a word.
+
+use super::Seam;
+use super::refine::longest_run;
+use super::trace::{Chain, ChainLink};
+use nalgebra::Point3;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// Why an inside corner is not offered.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum WhyUnwelded {
+    /// One of its faces is the table.
+    Table,
+    /// Too little of it was seen, or too badly.
+    Unsure,
+    /// Nobody knows which side of its faces is air.
+    UnknownSide,
+}
+
+/// An inside corner that is seen and not offered as a seam.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Unwelded {
+    /// Places along it, mm, base frame.
+    pub line_mm: Vec<Point3<f64>>,
+    /// Why.
+    pub reason: WhyUnwelded,
+    /// The same in words.
+    pub words: String,
+}
+
+impl Unwelded {
+    /// A seam that was found and is not offered.
+    pub(super) fn of(seam: &Seam, reason: WhyUnwelded, words: String) -> Self {
+        Self { line_mm: seam.stations.iter().map(|station| station.position_mm).collect(), reason, words }
+    }
+
+    /// Corners that were strung together and made no seam; `origin_mm` is that of the scan.
+    pub(super) fn of_chain(chain: &Chain, origin_mm: &Point3<f64>, reason: WhyUnwelded) -> Self {
+        let place = |link: &ChainLink| origin_mm + link.position.coords.cast::<f64>();
+        Self { line_mm: chain.links.iter().map(place).collect(), reason, words: String::new() }
+    }
+
+    fn in_words(&self) -> String {
+        let why = match self.reason {
+            WhyUnwelded::Table => "is where the work rests on the table",
+            _ => "is too thinly seen to fit a seam to it: scan it again from nearer, or from more sides",
+        };
+        let place = |p: &Point3<f64>| format!("{:.0},{:.0},{:.0}", p.x, p.y, p.z);
+        let middle = self.line_mm.get(self.line_mm.len() / 2).map(place).unwrap_or_default();
+        format!("an inside corner of {:.0} mm near {middle} {why}", self.length_mm())
+    }
+
+    /// Length along its places, mm.
+    pub fn length_mm(&self) -> f64 {
+        self.line_mm.windows(2).map(|w| (w[1] - w[0]).norm()).sum()
+    }
+}
+
+/// Lines that are told are at least so long, mm, and this many voxels.
+const LEAST_MM: f64 = 15.0;
+const LEAST_VOXELS: f64 = 10.0;
+/// A line this near to another is the same corner, voxels.
+const SAME_VOXELS: f64 = 3.0;
+
+/// The lines that are long enough to be told, without what runs beside seams or beside lines before them, longest first.
+pub(super) fn told(lines: Vec<Unwelded>, seams: &[Seam], voxel_mm: f64) -> Vec<Unwelded> {
+    let (near_mm, least_mm) = (SAME_VOXELS * voxel_mm, LEAST_MM.max(LEAST_VOXELS * voxel_mm));
+    let mut known: Vec<Point3<f64>> =
+        seams.iter().flat_map(|seam| seam.stations.iter().map(|station| station.position_mm)).collect();
+    let mut told = Vec::new();
+    for mut line in lines {
+        let free = |p: &Point3<f64>| known.iter().all(|q| (p - q).norm() > near_mm);
+        let free: Vec<bool> = line.line_mm.iter().map(free).collect();
+        if let Some((from, to)) = longest_run(&free, 0) {
+            line.line_mm = line.line_mm[from..to].to_vec();
+        } else {
+            continue;
+        }
+        if line.length_mm() >= least_mm {
+            if line.words.is_empty() {
+                line.words = line.in_words();
+            }
+            known.extend_from_slice(&line.line_mm);
+            told.push(line);
+        }
+    }
+    told
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_runs_beside_another_or_is_short_is_not_told() {
+        let line = |from_mm: f64, to_mm: f64| Unwelded {
+            line_mm: (0..=20)
+                .map(|k| Point3::new(from_mm + (to_mm - from_mm) * f64::from(k) / 20.0, 0.0, 0.0))
+                .collect(),
+            reason: WhyUnwelded::Table,
+            words: String::new(),
+        };
+        let told = told(vec![line(0.0, 100.0), line(20.0, 80.0), line(200.0, 210.0)], &[], 1.2);
+        assert_eq!(told.len(), 1);
+        assert!((told[0].length_mm() - 100.0).abs() < 1e-9);
+        assert!(told[0].words.contains("100 mm near 50,0,0"), "{}", told[0].words);
+    }
+}
