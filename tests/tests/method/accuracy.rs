@@ -10,7 +10,7 @@ use weldpath::output::verdict::ReasonId;
 use weldpath::pipeline::{self, Plan};
 use weldpath::run::job::Job;
 use weldpath::run::postprocessing::postprocess;
-use weldpath::simulation::{Request, simulate_mesh};
+use weldpath::simulation::{MeshRequest, Request, simulate_mesh};
 use weldpath_tests::scans::{block, of_mesh, read, scanned};
 use weldpath_tests::shared_data;
 
@@ -174,6 +174,26 @@ fn webs_that_cross_end_each_others_seams() {
     // Eight along the foot and four upright; a seam that went on through a web would be 60 degrees off there.
     assert_eq!(plan.seams.len(), 12);
     assert!(scored.coverage > 0.97 && scored.rmse_deg.is_some_and(|deg| deg < 0.7));
+}
+
+/// Each wall of a cross is seen by two of four views, and the foot of it by one where the other hides it.
+#[test]
+fn a_cross_that_four_views_see_in_turn_is_found_whole() {
+    let parts = [
+        ([0.0, 0.0, 0.0], [220.0, 220.0, 10.0]),
+        ([20.0, 106.0, 10.0], [200.0, 114.0, 70.0]),
+        ([106.0, 20.0, 10.0], [114.0, 106.0, 70.0]),
+        ([106.0, 114.0, 10.0], [114.0, 200.0, 70.0]),
+    ];
+    let triangles = parts.into_iter().flat_map(|(low, high)| block(low, high)).collect();
+    let request = MeshRequest { distance_mm: Some(380.0), ..of_mesh("cross", triangles, 4, 3) };
+    let simulated = simulate_mesh(&request).expect("a scan");
+    let (scan, truth) = (read(&simulated), simulated.truth);
+    let plan = plan_of(&scan).unwrap_or_else(|error| panic!("{error}"));
+    let scored = score(&written(&plan), &truth, &Options::default());
+    println!("cross: {} seams, {:?} mm, {}", plan.seams.len(), scored.rmse_mm, scored.coverage);
+    assert_eq!(plan.seams.len(), 12);
+    assert!(scored.coverage > 0.97 && scored.false_share < 0.02);
 }
 
 /// At the distance from which a big part is seen whole, a view puts one or two points in a voxel of a face.

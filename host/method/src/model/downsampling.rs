@@ -29,19 +29,19 @@ impl Default for VoxelConfig {
 }
 
 /// Which voxels are kept: those that hold enough points to be no flying pixels.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Occupancy {
     /// Points of a voxel that is kept whatever surrounds it.
     pub least: u32,
-    /// Whether a view that looks straight at a face rarely puts as many there. Then a face that few views saw, or that they saw at
-    /// a slant, is known by its even spread: a voxel is kept that holds what its neighbours do.
-    pub thin: bool,
+    /// Points of a voxel and its neighbours on a face that few views saw, or that they saw at a slant. It is known by its even
+    /// spread: a voxel is kept, too, that holds what its neighbours do.
+    pub least_around: f32,
 }
 
 impl Occupancy {
     /// Every voxel that holds so many points, and no other.
     pub fn of(least: u32) -> Self {
-        Self { least, thin: false }
+        Self { least, least_around: f32::INFINITY }
     }
 }
 
@@ -56,6 +56,8 @@ pub struct Scale {
     pub spacing_mm: f32,
     /// Noise of the points, mm.
     pub noise_mm: f32,
+    /// Whether few cameras looked, from several sides, so that a face that one of them saw is thin beside others.
+    from_sides: bool,
     /// Which of the lengths decided `edge_mm`.
     pub how: &'static str,
 }
@@ -90,12 +92,20 @@ impl Scale {
         } else {
             1
         };
-        Self { edge_mm, least, spacing_mm, noise_mm, how }
+        Self { edge_mm, least, spacing_mm, noise_mm, from_sides: is_from_sides(merged), how }
     }
 
     /// Which voxels of this size are kept.
     pub fn occupancy(&self) -> Occupancy {
-        Occupancy { least: self.least, thin: self.edge_mm < THIN_SPACINGS * self.spacing_mm }
+        let of_one_view = (self.edge_mm / self.spacing_mm.max(LEAST_SPACING_MM)).powi(2);
+        let least_around = if self.from_sides {
+            LEAST_AROUND.max(CROSSED * AT_A_SLANT * of_one_view)
+        } else if of_one_view < THIN_POINTS {
+            LEAST_AROUND
+        } else {
+            f32::INFINITY
+        };
+        Occupancy { least: self.least, least_around }
     }
 
     /// The same cloud in voxels `factor` times as large.
@@ -113,9 +123,18 @@ impl Scale {
     }
 }
 
-/// Edge of a voxel, in spacings of a view, below which a face is thin. Pixels lie in rows and columns: of the voxels of a face
-/// that is looked at straight, fewer than a quarter then hold two by two, and the others one or two.
-const THIN_SPACINGS: f32 = 1.5;
+/// Points of one view in a voxel up to which faces of a merged cloud, or of a single view, are judged by their even spread, too.
+/// Pixels lie in rows and columns: with fewer, less than a quarter of the voxels of a face that is looked at straight hold two by two.
+const THIN_POINTS: f32 = 2.25;
+/// Voxels of those about one that a plane crosses, at least; and the least cosine between the normal of such a face and the way to its
+/// cameras, and so the share of points that a view puts on it. What flies between near and far lies along the rays.
+const CROSSED: f32 = 9.0;
+const AT_A_SLANT: f32 = 0.3;
+/// Cosine between the ways to cameras that look from several sides, 45 degrees: from one side all see the same faces.
+const ONE_SIDE: f32 = 0.7;
+/// Of more views than this, two see each face of a part that is to be welded, as a rule; what one of them alone saw, such as the foot
+/// inside a pipe over its rim, is seen at its worst there.
+const FEW_VIEWS: usize = 4;
 /// A spacing this small is none to divide by, mm.
 const LEAST_SPACING_MM: f32 = 1e-6;
 /// Share of the points of its fullest neighbour that a voxel of one surface holds: of the one or two points that a voxel
@@ -124,6 +143,12 @@ const EVEN_SHARE: f32 = 0.5;
 /// Points in a voxel and its 26 neighbours, of which a plane crosses nine or more: one in every second of these. What one
 /// view sees at 60 degrees to the normal is as thin, and flying pixels, strewn along rays, are thinner.
 const LEAST_AROUND: f32 = 5.0;
+
+/// Neighbourhoods reach this far, voxels, and a wall that is thinner has both its sides in one. So many points of the other side,
+/// whose normals have at most this cosine with that of a point, are no noise.
+const BACK_VOXELS: f32 = 4.0;
+const LEAST_BACKS: usize = 4;
+const OPPOSITE: f32 = -0.5;
 
 /// Radius of the bilateral filter, and deviation of its weight by distance, voxels. Chosen on the simulated scans; the paper
 /// gives none.
@@ -145,6 +170,14 @@ fn extent_mm(merged: &Merged) -> f32 {
         v.get(v.len().saturating_sub(1 + cut)).unwrap_or(&0.0) - v.get(cut).unwrap_or(&0.0)
     };
     Vector3::new(span(0), span(1), span(2)).norm()
+}
+
+/// Whether few cameras are known to have looked at the middle of a cloud, and two of them from different sides.
+fn is_from_sides(merged: &Merged) -> bool {
+    // Positions are about the middle of the cloud.
+    let ways: Vec<_> = merged.cameras_mm.iter().filter_map(|at| at.coords.try_normalize(1.0)).collect();
+    let apart = |k: usize| ways[..k].iter().any(|other| other.dot(&ways[k]) < ONE_SIDE);
+    !merged.cameras_unknown && ways.len() <= FEW_VIEWS && (1..ways.len()).any(apart)
 }
 
 /// A thinned cloud.
@@ -175,6 +208,45 @@ impl Voxels {
         self.count.append(&mut other.count);
         self.toward_camera.append(&mut other.toward_camera);
         self.view.append(&mut other.view);
+    }
+
+    /// Which voxels of fewer than `least` points lie along the rays, or on the far side of a wall that is thinner than a neighbourhood
+    /// and better seen on its near side: in the neighbourhoods of both they would pass for its scatter.
+    fn doubtful(&self, least: f32) -> Vec<bool> {
+        let is_thin = |k: usize| self.count[k] < least;
+        let dense: Vec<usize> = (0..self.cloud.len()).filter(|&k| !is_thin(k)).collect();
+        let places: Vec<Point3<f32>> = dense.iter().map(|&k| self.cloud.points_mm[k]).collect();
+        let reach_mm = BACK_VOXELS * self.edge_mm;
+        let grid = Grid::new(&places, reach_mm);
+        let is_doubtful = |k: usize| {
+            if !is_thin(k) {
+                return false;
+            }
+            let (place, normal) = (self.cloud.points_mm[k], self.cloud.normals[k]);
+            if normal.dot(&self.toward_camera[k]) < AT_A_SLANT {
+                return true;
+            }
+            let mut behind = 0;
+            grid.within(&place, reach_mm, |slot, _| {
+                let faces_away = self.cloud.normals[dense[grid.index(slot)]].dot(&normal) < OPPOSITE;
+                let is_behind = normal.dot(&(grid.point(slot) - place)) < 0.0;
+                behind += usize::from(faces_away && is_behind);
+            });
+            behind >= LEAST_BACKS
+        };
+        (0..self.cloud.len()).into_par_iter().map(is_doubtful).collect()
+    }
+
+    /// Those that are kept, by their index.
+    fn retain(&mut self, is_kept: impl Fn(usize) -> bool) {
+        fn retain<T: Copy>(all: &mut Vec<T>, is_kept: &impl Fn(usize) -> bool) {
+            *all = all.iter().enumerate().filter(|(k, _)| is_kept(*k)).map(|(_, one)| *one).collect();
+        }
+        retain(&mut self.cloud.points_mm, &is_kept);
+        retain(&mut self.cloud.normals, &is_kept);
+        retain(&mut self.count, &is_kept);
+        retain(&mut self.toward_camera, &is_kept);
+        retain(&mut self.view, &is_kept);
     }
 
     /// The first `count` of them.
@@ -233,13 +305,18 @@ pub fn voxel_grid(merged: &Merged, edge_mm: f32, occupancy: Occupancy) -> Voxels
     } else {
         kept.iter().map(|&k| given[k]).collect()
     };
-    Voxels {
+    let mut voxels = Voxels {
         cloud: PointCloud { origin_mm: merged.origin_mm, points_mm, normals },
         count: kept.iter().map(|&k| cells.moments[k].count).collect(),
         toward_camera: sights.iter().map(|seen| seen.toward).collect(),
         view: sights.iter().map(|seen| seen.most.0).collect(),
         edge_mm: cells.cell_mm(),
+    };
+    if occupancy.least > 1 && is_from_sides(merged) {
+        let doubtful = voxels.doubtful(occupancy.least as f32);
+        voxels.retain(|k| !doubtful[k]);
     }
+    voxels
 }
 
 /// The voxels that are kept.
@@ -250,7 +327,7 @@ fn kept(cells: &Cells, occupancy: Occupancy) -> Vec<usize> {
         if holds(k) >= least {
             return true;
         }
-        if !occupancy.thin {
+        if occupancy.least_around.is_infinite() {
             return false;
         }
         let (mut sum, mut most) = (0.0, 0.0f32);
@@ -258,7 +335,7 @@ fn kept(cells: &Cells, occupancy: Occupancy) -> Vec<usize> {
             sum += holds(other);
             most = most.max(holds(other));
         });
-        sum >= LEAST_AROUND && holds(k) >= EVEN_SHARE * most
+        sum >= occupancy.least_around && holds(k) >= EVEN_SHARE * most
     };
     (0..cells.len()).into_par_iter().filter(is_kept).collect()
 }
@@ -394,7 +471,7 @@ mod tests {
             (on(0.0), on(15.0), voxels.iter().filter(|p| p.z > 1.0).count())
         };
         assert_eq!(kept(Occupancy::of(3)), (0, 100, 0));
-        let (thin, dense, strays) = kept(Occupancy { least: 3, thin: true });
+        let (thin, dense, strays) = kept(Occupancy { least: 3, least_around: LEAST_AROUND });
         // Three corners of the thin surface hold four points with their neighbours, which is too few; the fourth has the origin.
         assert_eq!((thin, dense, strays), (97, 100, 0));
     }
