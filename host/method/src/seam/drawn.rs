@@ -413,7 +413,6 @@ impl<'a> Drawing<'a> {
             + (HEIGHT_VOXELS * v).powi(2);
         let reach_mm = REACH_VOXELS * self.voxel_mm;
         let sigma_mm = mean(&|face| f64::from(face.scatter_mm));
-        let tilt_rad = own_mm2.sqrt() / f64::from(reach_mm);
         Refined {
             frames: stations.iter().map(both).collect(),
             step_mm: self.voxel_mm,
@@ -421,8 +420,7 @@ impl<'a> Drawing<'a> {
             measured: vec![true; stations.len()],
             sigma_mm,
             scatter_mm: MEDIAN_OF_RMS * own_mm2.sqrt().hypot(CLICK_VOXELS * v),
-            tilt_rad,
-            face_tilts_rad: [tilt_rad; 2],
+            tilt_rad: own_mm2.sqrt() / f64::from(reach_mm),
             reach_mm: [reach_mm; 2],
             lift_unknown_mm: [0.0; 2],
             window_mm: self.voxel_mm,

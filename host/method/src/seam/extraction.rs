@@ -8,7 +8,7 @@ use super::input::Input;
 use super::measure::dimension::Quantity;
 use super::measure::{fitup, grip, joint, resting};
 use super::ordering::{mark_branches, order};
-use super::refine::{RefineConfig, Refined, bend, expected, layers, overlap, planes, rounds};
+use super::refine::{RefineConfig, Refined, bend, expected, layers, overlap, rounds};
 use super::score::edges;
 use super::trace::chain::{self, TraceConfig, Traced};
 use super::trace::corner::{self, CornerConfig};
@@ -176,8 +176,7 @@ fn corner_seams(input: &Input, corners: &Corners, config: &SeamConfig) -> Vec<Se
     }
     let refined = refined_apart(input, &chains, config, |chain| refined(input, chain, config));
     let refined = refined.into_iter().map(|(chain, seam)| (chain.clone(), seam)).collect();
-    let mut refined = bend::joined(refined, input.model.index, input.model.voxel_mm());
-    planes::share(&mut refined, input.model.voxel_mm());
+    let refined = bend::joined(refined, input.model.index, input.model.voxel_mm());
     let most_mm = config.refine.reach * input.model.voxel_mm();
     refined.iter().map(|(chain, seam)| corner_seam(input, chain, seam, most_mm)).collect()
 }

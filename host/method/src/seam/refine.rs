@@ -6,19 +6,16 @@
 //!
 //! [`rounds`] does this for inside corners, [`layers`] for the feet of steps. Both put points into the coordinates of a
 //! `path` ([`beside`]), gather them in `windows`, fit them ([`face`], `reach`, `sections`) to `station`s, and smooth these
-//! to a seam (`stretch`, `carried`, [`smooth`]). [`overlap`] keeps seams apart, [`bend`] joins them round rounded corners, [`planes`]
-//! finds faces that several of them share, [`expected`] says how wrong they may be.
+//! to a seam (`stretch`, [`smooth`]). [`overlap`] keeps seams apart, [`bend`] joins them round rounded corners, [`expected`] says how wrong they may be.
 
 pub mod bend;
 pub mod beside;
-mod carried;
 pub mod expected;
 pub mod face;
 pub mod frame;
 pub mod layers;
 pub mod overlap;
 mod path;
-pub mod planes;
 mod reach;
 mod rounding;
 pub mod rounds;
@@ -90,10 +87,8 @@ pub struct Refined {
     pub sigma_mm: f64,
     /// Standard deviation of the smoothed position across the seam from the points' noise alone, mm.
     pub scatter_mm: f64,
-    /// Standard deviation of the face normals at a station, of both and of each, rad.
+    /// Standard deviation of the smoothed face normals, rad.
     pub tilt_rad: f64,
-    /// See `tilt_rad`.
-    pub face_tilts_rad: [f64; 2],
     /// Distance that points of each face reach from the seam, mm.
     pub reach_mm: [f32; 2],
     /// Standard deviation of each face's height at the root because something lifts its points there: a camera that rounds or

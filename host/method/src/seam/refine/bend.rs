@@ -224,13 +224,12 @@ fn turned(seam: &Refined, is_turned: bool) -> Refined {
 /// The same with its faces in the other order.
 fn swapped(seam: &Refined) -> Refined {
     let flip = |[a, b]: [f32; 2]| [b, a];
-    let flip_f64 = |[a, b]: [f64; 2]| [b, a];
+    let [a, b] = seam.lift_unknown_mm;
     Refined {
         frames: seam.frames.iter().map(|f| Frame { faces: [f.faces[1], f.faces[0]], ..*f }).collect(),
         view_share: seam.view_share.iter().map(|[a, b]| [b.clone(), a.clone()]).collect(),
         reach_mm: flip(seam.reach_mm),
-        lift_unknown_mm: flip_f64(seam.lift_unknown_mm),
-        face_tilts_rad: flip_f64(seam.face_tilts_rad),
+        lift_unknown_mm: [b, a],
         ..seam.clone()
     }
 }
@@ -244,7 +243,6 @@ fn worse(a: &Refined, b: &Refined) -> Refined {
         sigma_mm: a.sigma_mm.max(b.sigma_mm),
         scatter_mm: a.scatter_mm.max(b.scatter_mm),
         tilt_rad: a.tilt_rad.max(b.tilt_rad),
-        face_tilts_rad: [0, 1].map(|k| a.face_tilts_rad[k].max(b.face_tilts_rad[k])),
         reach_mm: [0, 1].map(|k| a.reach_mm[k].min(b.reach_mm[k])),
         lift_unknown_mm: [0, 1].map(|k| a.lift_unknown_mm[k].max(b.lift_unknown_mm[k])),
         freedom: a.freedom + b.freedom,

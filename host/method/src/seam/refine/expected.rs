@@ -13,8 +13,8 @@ use crate::seam::ErrorParts;
 use nalgebra::{DMatrix, Matrix2, Matrix3, Matrix3x2, RowDVector, Vector3, Vector6};
 
 /// Errors of the method itself that no covariance knows, mm and rad. Chosen on the simulated scans.
-pub(super) const FLOOR_MM: f64 = 0.015;
-pub(super) const FLOOR_RAD: f64 = 0.001;
+const FLOOR_MM: f64 = 0.015;
+const FLOOR_RAD: f64 = 0.001;
 /// Expected errors are meant to be exceeded rarely, not half of the time.
 const CAUTION: f64 = 1.4;
 /// A median distance in two dimensions over its root mean square: `√ln 2`, the median of a Rayleigh distribution.
@@ -51,7 +51,10 @@ pub struct Expected {
 
 /// The expected error of a refined seam.
 pub fn expect(seam: &Refined, merged: &Merged, registration: Option<&Registration>) -> Expected {
-    let kept = (seam.freedom / independent(seam)).min(1.0).sqrt();
+    // Windows overlap: this many stations share their points.
+    let shared = f64::from(seam.window_mm / seam.step_mm).max(1.0);
+    let independent = (seam.frames.len() as f64 / shared).max(1.0);
+    let kept = (seam.freedom / independent).min(1.0).sqrt();
     let views = merged.cameras_mm.len();
     let of = |r: &Registration, covariance: &DMatrix<f64>, first: usize, against: &[f64]| {
         let arm_mm = merged.origin_mm - r.centre_mm;
@@ -86,12 +89,6 @@ pub fn expect(seam: &Refined, merged: &Merged, registration: Option<&Registratio
         loosest: eigen.eigenvectors.column(eigen.eigenvalues.imax()).into_owned(),
         loose_views: (0..by_view_mm2.len()).filter(|&k| by_view_mm2[k] > NAMED_SHARE * most).collect(),
     }
-}
-
-/// Stations of a seam that share no points: windows overlap.
-pub(super) fn independent(seam: &Refined) -> f64 {
-    let shared = f64::from(seam.window_mm / seam.step_mm).max(1.0);
-    (seam.frames.len() as f64 / shared).max(1.0)
 }
 
 /// Parts of the error: `own_mm2` is the variance of the seam's own points and corners, `poses` what the poses add against the

@@ -18,10 +18,6 @@ const FOLDS: usize = 4;
 const CLOSE: f64 = 1.06;
 /// Squared misses of more than this many medians are outliers: beyond three times the usual miss.
 const CAP_MEDIANS: f64 = 9.0;
-/// Part of a block whose samples share most of what they were made of: a curve has no more free parameters than there are such
-/// parts, or it would follow what they share; but as many as a parabola, which a short arc is nearly.
-const OWN_SHARE: f64 = 0.6;
-const LEAST_FREEDOM: f64 = 3.0;
 /// Fewest blocks that a curve is parted into.
 const LEAST_BLOCKS: usize = 6;
 /// Standard errors by which a straight line, and any other curve, may be worse than the best to be taken.
@@ -38,8 +34,6 @@ const DEGREES: [usize; 2] = [3, 2];
 const MIXED_DEGREE: usize = 5;
 /// Stiffness candidates of that spline, mm³ per unit weight.
 const MIXED_STIFFNESS: [f64; 3] = [1e3, 1e4, 1e5];
-/// What does not change along the curve.
-const CONSTANT: Curve = Curve::Shape(0);
 /// From here on a spline is stiffer than any of these shapes.
 const STRAIGHT: f64 = 1e8;
 
@@ -58,10 +52,10 @@ impl Curve {
     /// Standard errors by which it may be worse than the best to be taken. Most seams are straight, and the best of a dozen
     /// softer curves looks better than a straight line by chance.
     fn deviations(self) -> f64 {
-        match self {
-            CONSTANT => STRAIGHT_ERRORS,
-            Self::Spline(stiffness) if stiffness > STRAIGHT => STRAIGHT_ERRORS,
-            _ => CURVED_ERRORS,
+        if matches!(self, Self::Spline(stiffness) if stiffness > STRAIGHT) {
+            STRAIGHT_ERRORS
+        } else {
+            CURVED_ERRORS
         }
     }
 
@@ -73,9 +67,7 @@ impl Curve {
                 2.0 + length_mm / (std::f64::consts::PI * (stiffness * step_mm).powf(0.25))
             }
             Self::Shape(most) => terms(closed, most) as f64,
-            Self::Both(most, stiffness) => {
-                Self::Spline(stiffness).freedom(closed, length_mm, step_mm).max(terms(closed, most) as f64)
-            }
+            Self::Both(_, stiffness) => Self::Spline(stiffness).freedom(closed, length_mm, step_mm),
         }
     }
 }
@@ -100,20 +92,9 @@ impl<const D: usize> Samples<'_, D> {
 
     /// The stiffest curve that predicts left-out blocks of `block_mm` about as well as the best.
     pub(crate) fn stiffest(&self, block_mm: f64) -> Curve {
-        self.stiffest_of(self.candidates(), block_mm)
-    }
-
-    /// The same for what may not change at all, as the angle of a flat face.
-    pub(crate) fn steadiest(&self, block_mm: f64) -> Curve {
-        self.stiffest_of([self.candidates(), vec![CONSTANT]].concat(), block_mm)
-    }
-
-    fn stiffest_of(&self, mut curves: Vec<Curve>, block_mm: f64) -> Curve {
         let n = self.values.len();
         let fitting = ((block_mm / self.step_mm).ceil() as usize).min(n / LEAST_BLOCKS).max(1);
-        let length_mm = self.step_mm * n as f64;
-        let most = (length_mm / (OWN_SHARE * block_mm)).max(LEAST_FREEDOM);
-        curves.retain(|curve| curve.freedom(self.closed, length_mm, self.step_mm) <= most);
+        let curves = self.candidates();
         let misses: Vec<Vec<Miss>> = curves.par_iter().map(|&c| self.misses(c, fitting)).collect();
         // Large misses are outliers, not evidence; one bound for all, or soft curves would hide theirs.
         let middle = |m: &Vec<Miss>| median(&mut m.iter().map(|x| x.squared).collect::<Vec<_>>());
@@ -371,31 +352,6 @@ mod tests {
         let curve = samples.smooth(samples.stiffest(20.0));
         let worst = curve.iter().map(|p| (p[0].hypot(p[1]) - 40.0).abs()).fold(0.0, f64::max);
         assert!(worst < 0.15, "{worst} mm off the arc");
-    }
-
-    #[test]
-    fn what_the_stations_of_a_short_stretch_share_is_no_bend_of_it() {
-        // Each is a mean over ten.
-        let mean = |k: usize| (k..k + 10).map(noise).sum::<f64>() / 10.0;
-        for count in [15, 22, 30] {
-            let values: Vec<[f64; 1]> = (0..count).map(|k| [mean(k)]).collect();
-            let samples =
-                Samples { values: &values, weights: &vec![1.0; count], step_mm: 2.0, closed: false };
-            let most = (2.0 * count as f64 / 12.0).max(3.0);
-            let curve = samples.stiffest(20.0);
-            assert!(curve.freedom(false, 2.0 * count as f64, 2.0) <= most, "{count}: {curve:?}");
-        }
-    }
-
-    #[test]
-    fn an_angle_that_stays_is_constant_and_one_that_turns_is_not() {
-        let pick = |turn: f64| {
-            let values: Vec<[f64; 1]> =
-                (0..100).map(|k| [turn * k as f64 / 100.0 + 0.02 * noise(k)]).collect();
-            Samples { values: &values, weights: &[1.0; 100], step_mm: 2.0, closed: false }.steadiest(20.0)
-        };
-        assert_eq!(pick(0.0), CONSTANT);
-        assert_ne!(pick(0.1), CONSTANT);
     }
 
     #[test]

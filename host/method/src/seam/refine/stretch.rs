@@ -1,10 +1,9 @@
 //! From single stations to one smooth seam (ours): what is trusted of them, the stretch that holds together, the curve.
 
-use super::face::FitQuality;
+use super::Refined;
 use super::path::{Path, PathPoint, frames, nearest, resampled};
 use super::smooth::Samples;
 use super::station::MeasuredStation;
-use super::{Refined, carried};
 use crate::geometry::statistics::{DEVIATION_OF_MEDIAN, median};
 use crate::model::normals::CORRELATED_POINTS;
 use nalgebra::Vector3;
@@ -57,7 +56,7 @@ struct Kept<'a> {
 /// What is smoothed: places, both normals, and what a station weighs.
 struct Rows {
     places: Vec<[f64; 3]>,
-    normals: Vec<[Vector3<f64>; 2]>,
+    normals: Vec<[f64; 6]>,
     weights: Vec<f64>,
 }
 
@@ -71,36 +70,24 @@ impl Stretch<'_> {
         let step_mm = f64::from(path.step_mm);
         let block_mm = f64::from(BLOCK_HALVES * self.half_mm);
         let line = Samples { values: &places, weights: &weights, step_mm, closed: path.closed };
+        let tilt = Samples { values: &normals, weights: &weights, step_mm, closed: path.closed };
         let curve = line.stiffest(block_mm);
         let smooth_places = line.smooth(curve);
         let freedom = curve.freedom(path.closed, step_mm * places.len() as f64, step_mm);
-        let axes = carried::axes(&smooth_places, path.closed)?;
-        let angles = carried::angles(&axes, &normals);
-        let of_face = |face: usize| {
-            let angles: Vec<[f64; 1]> = angles.iter().map(|both| [both[face]]).collect();
-            let tilt = Samples { values: &angles, weights: &weights, step_mm, closed: path.closed };
-            tilt.smooth(tilt.steadiest(block_mm))
-        };
-        let smooth_angles = [of_face(0), of_face(1)];
-        let point = |k: usize| PathPoint {
-            position_mm: Vector3::from(smooth_places[k]),
-            faces: [0, 1].map(|face| carried::direction(&axes[k], smooth_angles[face][k][0])),
-        };
-        let points = (0..smooth_places.len()).map(point).collect();
+        let smooth_normals = tilt.smooth(tilt.stiffest(block_mm));
+        let points = smooth_places.iter().zip(&smooth_normals).map(path_point).collect();
         let points = self.trimmed(points, kept.from as f32 * path.step_mm);
         let (points, new_step_mm) = resampled(&points, path.closed, path.step_mm);
         let frames = frames(&points, path.closed)?;
         let quality = || kept.stations.iter().flatten().flat_map(|s| s.quality);
-        let tilt = |q: FitQuality| q.sigma * (f64::from(CORRELATED_POINTS) * q.slope_variance).sqrt();
-        let of_face = |face: usize| kept.stations.iter().flatten().map(move |s| tilt(s.quality[face]));
+        let tilts = quality().map(|q| q.sigma * (f64::from(CORRELATED_POINTS) * q.slope_variance).sqrt());
         Some(Refined {
             step_mm: new_step_mm,
             closed: path.closed,
             measured: kept.measured(frames.len()),
             sigma_mm: median(&mut quality().map(|q| q.sigma).collect::<Vec<_>>()),
             scatter_mm: kept.scatter_mm(&smooth_places, &places),
-            tilt_rad: median(&mut quality().map(tilt).collect::<Vec<_>>()),
-            face_tilts_rad: [0, 1].map(|face| median(&mut of_face(face).collect::<Vec<_>>())),
+            tilt_rad: median(&mut tilts.collect::<Vec<_>>()),
             reach_mm,
             lift_unknown_mm: [0.0; 2],
             window_mm: 2.0 * self.half_mm * FULL_WEIGHT,
@@ -131,13 +118,13 @@ impl Stretch<'_> {
         for (k, station) in kept.stations.iter().enumerate() {
             let frame = &self.path.frames[kept.from + k];
             let axes = frame.cross_section();
-            let (place, normals) = match station {
+            let (place, [a, b]) = match station {
                 Some(s) if kept.good[k] => (axes.lifted(&s.across), s.normals.map(|n| axes.lifted(&n))),
                 _ => (Vector3::zeros(), frame.faces.map(|f| f.cast())),
             };
             let p = frame.position.coords.cast::<f64>() + place;
             rows.places.push([p.x, p.y, p.z]);
-            rows.normals.push(normals);
+            rows.normals.push([a.x, a.y, a.z, b.x, b.y, b.z]);
             let weight = station.as_ref().map_or(0.0, |s| self.weight(s));
             rows.weights.push(if kept.good[k] { weight } else { 0.0 });
         }
@@ -170,6 +157,11 @@ impl Stretch<'_> {
         let inner = points[from.floor() as usize + 1..to.ceil() as usize].to_vec();
         std::iter::once(between(from)).chain(inner).chain([between(to)]).collect()
     }
+}
+
+fn path_point((p, n): (&[f64; 3], &[f64; 6])) -> PathPoint {
+    let faces = [Vector3::new(n[0], n[1], n[2]), Vector3::new(n[3], n[4], n[5])];
+    PathPoint { position_mm: Vector3::from(*p), faces }
 }
 
 impl Kept<'_> {
