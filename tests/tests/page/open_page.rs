@@ -197,6 +197,8 @@ fn an_edit_is_seen_at_once_in_the_same_page_without_its_cloud_being_sent_again()
     assert_eq!(page.browser.evaluate("document.activeElement.dataset.reason"), "tool-not-stated");
     // Nothing of the lines before stays on the card.
     let kept = "weldpath.scene.renderer.info.memory.geometries";
+    // Beside the cloud, once the lines of this plan are drawn.
+    page.browser.wait_for(&format!("{kept} > 1"));
     let count = page.browser.evaluate(kept);
     for feed in ["4", "5", "6"] {
         let shown = page.shown();
