@@ -64,7 +64,7 @@ const LEAST_VOXELS: f64 = 10.0;
 /// A line this near to another is the same corner, voxels.
 const SAME_VOXELS: f64 = 3.0;
 
-/// The lines that are long enough to be told, without what runs beside seams or beside lines before them, longest first.
+/// The lines that are long enough to be told, without what runs beside seams or beside lines before them.
 pub(super) fn told(lines: Vec<Unwelded>, seams: &[Seam], voxel_mm: f64) -> Vec<Unwelded> {
     let (near_mm, least_mm) = (SAME_VOXELS * voxel_mm, LEAST_MM.max(LEAST_VOXELS * voxel_mm));
     let mut known: Vec<Point3<f64>> =
@@ -104,6 +104,9 @@ mod tests {
         };
         let told = told(vec![line(0.0, 100.0), line(20.0, 80.0), line(200.0, 210.0)], &[], 1.2);
         assert_eq!(told.len(), 1);
+        let cut = super::told(vec![line(0.0, 40.0), line(0.0, 100.0)], &[], 1.2);
+        assert_eq!(cut.len(), 2);
+        assert!(cut[1].length_mm() < 56.0, "cut where another is: {}", cut[1].length_mm());
         assert!((told[0].length_mm() - 100.0).abs() < 1e-9);
         assert!(told[0].words.contains("100 mm near 50,0,0"), "{}", told[0].words);
     }

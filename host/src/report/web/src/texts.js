@@ -106,7 +106,7 @@ export const TEXTS = /* @__PURE__ */ texts("TEXTS", {
   unwelded: (n) => (n === 1 ? "1 other inside corner" : `${n} other inside corners`),
   unweldedOf: (mm, why) => `${mm} mm: ${why}`,
   whyUnwelded: {
-    table: "the work rests on the table there", unsure: "too little was seen of it", 
+    table: "the work rests on the table there", unsure: "too little was seen of it",
     "unknown-side": "unknown which side is air",
   },
   columns: { seam: "seam, joint", length: "length, mm", error: "error, mm", confidence: "confidence" },
