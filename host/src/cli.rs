@@ -1,4 +1,4 @@
-//! Command line: subcommands, exit codes, and how a failure is told.
+//! The command line: subcommands, exit codes, and how a failure is told. No part of the library's promise.
 
 mod calibrate;
 mod completions;
@@ -7,7 +7,6 @@ mod evaluate;
 mod folder;
 mod help;
 mod keys;
-mod memory;
 mod monitor;
 #[cfg(feature = "open")]
 mod open;
@@ -27,8 +26,8 @@ mod threads;
 mod warnings;
 mod weld;
 
+use std::ffi::OsString;
 use std::io::Write;
-use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 use weldpath::files::interrupt;
@@ -40,7 +39,7 @@ const EXIT_CODES: &str = "Exit codes: 0 done; 2 wrong usage or job file; 3 no se
 /// From scans of a workpiece to the motion of a welding torch.
 #[derive(Debug, Parser)]
 #[command(name = "weldpath", version, after_help = EXIT_CODES)]
-pub(crate) struct Cli {
+struct Cli {
     #[command(subcommand)]
     command: Command,
 }
@@ -64,13 +63,13 @@ enum Command {
     Schema(schema::Args),
 }
 
-/// Reads the command line and does what it says.
-pub(crate) fn start() -> ExitCode {
-    memory::keep_freed();
+/// Does what a command line says, and returns the exit code; its first word is the name of the program.
+pub fn start(arguments: impl IntoIterator<Item = OsString>) -> u8 {
+    let arguments: Vec<OsString> = arguments.into_iter().collect();
     let threads = threads::prepare();
     // Without handlers a signal ends the run at once, and the next run settles what was being written.
     let _ = interrupt::arm();
-    match help::parse() {
+    match help::parse(&arguments) {
         Ok(cli) => end(if threads { run(&cli.command) } else { run_alone(&cli.command) }),
         Err(exit) => exit,
     }
@@ -119,15 +118,15 @@ fn run(command: &Command) -> Result<(), Failure> {
 }
 
 /// The exit code; a failure is told in words on standard error.
-fn end(result: Result<(), Failure>) -> ExitCode {
+fn end(result: Result<(), Failure>) -> u8 {
     match result {
-        Ok(()) => ExitCode::SUCCESS,
+        Ok(()) => 0,
         Err(failure) => {
             tell(&format!("error: {}", failure.message));
             if let Some(hint) = &failure.hint {
                 tell(&format!("  hint: {hint}"));
             }
-            ExitCode::from(failure.exit as u8)
+            failure.exit as u8
         }
     }
 }

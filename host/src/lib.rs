@@ -43,6 +43,8 @@
 //! plans a cloud in 20 lines, runs stages of one's own choice, and fills in poses between those of a path.
 #![forbid(unsafe_code)]
 
+extern crate self as weldpath;
+
 pub use weldpath_files as files;
 pub use weldpath_job::{output, robot, run};
 pub use weldpath_lab as lab;
@@ -50,6 +52,17 @@ pub use weldpath_method::{geometry, input, model, pipeline, seam, weld};
 pub use weldpath_pendant as pendant;
 pub use weldpath_sim::{evaluation, simulation};
 
+pub use facade::{Error, Run, Withheld, plan};
+pub use weldpath_job::run::job::Job;
+pub use weldpath_method::input::{
+    CameraPose, Coordinates, RawCloud, RawScan, RawView, Scan, Transform, Units,
+};
+pub use weldpath_method::pipeline::Observer;
+
+#[cfg(feature = "cli")]
+#[doc(hidden)]
+pub mod cli;
+mod facade;
 pub mod report;
 #[cfg(feature = "open")]
 pub mod server;

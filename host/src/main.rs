@@ -1,7 +1,8 @@
-//! The command `weldpath`. Each subcommand is one file in `cli/`; all they do is in the library.
+//! The command `weldpath`: all of it is in the library, which the Python package calls as well.
 
-mod cli;
+mod memory;
 
 fn main() -> std::process::ExitCode {
-    cli::start()
+    memory::keep_freed();
+    weldpath::cli::start(std::env::args_os()).into()
 }

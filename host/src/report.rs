@@ -71,6 +71,7 @@ pub fn without_seams(recording: &Recording, job: &Job, error: &PlanError) -> Vec
         summary,
         feasibility: None,
         files: Vec::new(),
+        program_files: Vec::new(),
     };
     files(&plan, &output, recording, job)
 }

@@ -6,6 +6,7 @@
 //! metres appear: [`Units`] says how they are known.
 //! Nothing here trusts a count in a header: it is held against the size of the file before anything is allocated.
 
+mod arrays;
 mod camera;
 mod depth;
 mod direction;
@@ -52,6 +53,7 @@ use std::sync::Arc;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 use crate::geometry::cloud::View;
+pub use arrays::{CameraPose, Coordinates, RawCloud, RawScan, RawView, Transform};
 pub use camera::{CameraPosition, Distortion, Intrinsics};
 pub use doubt::{CloudFrame, Doubt, DoubtKind};
 use format::{Format, Reader};
@@ -158,6 +160,7 @@ impl Scan {
 
 /// Why INPUT could not be read: the file, the place in it, and a way out.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum Error {
     /// The file system refuses.
     #[error("{path}: cannot be read: {source}. {help}", path = path.display())]

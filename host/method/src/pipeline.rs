@@ -22,6 +22,7 @@ use crate::geometry::grid::Grid;
 use crate::seam::Found;
 use crate::seam::measure::coverage;
 use crate::weld::SeamPath;
+use rayon::prelude::*;
 
 pub use self::config::{Config, MergeConfig, Method, RATIO_THRESHOLD, SearchConfig, Wishes};
 pub use self::merged::MergedViews;
@@ -64,8 +65,35 @@ pub fn plan_from(
     config: &Config,
     observer: &mut dyn Observer,
 ) -> Result<Plan, PlanError> {
+    check(views)?;
     let stages = &mut Stages::new(observer);
     unless_given_up(|| steps(kept, views, config, stages)).unwrap_or(Err(PlanError::GivenUp))
+}
+
+/// Refuses views that no reader makes; whoever fills them in by hand may.
+fn check(views: &[View]) -> Result<(), PlanError> {
+    let wrong = |view: usize, problem: String| Err(PlanError::NoView { view, problem });
+    if views.is_empty() {
+        return wrong(0, "there is none".into());
+    }
+    if views.len() > usize::from(u16::MAX) {
+        return wrong(views.len(), format!("{} views are at most planned with", u16::MAX));
+    }
+    for (k, view) in views.iter().enumerate() {
+        let View { points_mm, normals, base_from_camera: pose, .. } = view;
+        if points_mm.is_empty() {
+            return wrong(k, "it has no point".into());
+        }
+        if !normals.is_empty() && normals.len() != points_mm.len() {
+            return wrong(k, format!("{} normals for {} points", normals.len(), points_mm.len()));
+        }
+        let is_finite = points_mm.par_iter().all(|point| point.iter().all(|c| c.is_finite()));
+        let is_posed = pose.to_homogeneous().iter().all(|number| number.is_finite());
+        if !is_finite || !is_posed {
+            return wrong(k, "a coordinate or its pose is not finite".into());
+        }
+    }
+    Ok(())
 }
 
 fn steps(kept: &mut Kept, views: &[View], config: &Config, stages: &mut Stages) -> Result<Plan, PlanError> {

@@ -1,7 +1,7 @@
 //! What `--help` shows first: the common cases, as commands that can be typed. And an example where arguments are
 //! missing.
 
-use std::process::ExitCode;
+use std::ffi::OsString;
 
 use clap::error::ErrorKind;
 use clap::{CommandFactory, FromArgMatches};
@@ -133,24 +133,24 @@ const START: [(&str, &str); 3] = [
     ("weldpath --help", "all commands; `weldpath COMMAND --help` explains one"),
 ];
 
-/// The arguments of this run; what is wrong with them is told, and the exit code returned.
-pub(super) fn parse() -> Result<Cli, ExitCode> {
-    if std::env::args_os().len() < 2 {
+/// The arguments of a run; what is wrong with them is told, and the exit code returned.
+pub(super) fn parse(arguments: &[OsString]) -> Result<Cli, u8> {
+    if arguments.len() < 2 {
         let wide = START.iter().map(|(command, _)| command.len()).max().unwrap_or_default();
         START.iter().for_each(|(command, about)| tell(&format!("{command:wide$}  {about}")));
-        return Err(ExitCode::from(Exit::Usage as u8));
+        return Err(Exit::Usage as u8);
     }
-    let parsed = command().try_get_matches().and_then(|matches| Cli::from_arg_matches(&matches));
+    let parsed =
+        command().try_get_matches_from(arguments).and_then(|matches| Cli::from_arg_matches(&matches));
     parsed.map_err(|error| {
         // Without a terminal to write to there is nobody to tell.
         let _ = error.print();
-        let subcommand =
-            std::env::args_os().nth(1).and_then(|word| word.into_string().ok()).unwrap_or_default();
+        let subcommand = arguments.get(1).map(|word| word.to_string_lossy()).unwrap_or_default();
         let missing = error.kind() == ErrorKind::MissingRequiredArgument;
         if let Some((example, _)) = examples(&subcommand).next().filter(|_| missing) {
             tell(&format!("  hint: for example `{example}`"));
         }
-        if error.use_stderr() { ExitCode::from(Exit::Usage as u8) } else { ExitCode::SUCCESS }
+        if error.use_stderr() { Exit::Usage as u8 } else { 0 }
     })
 }
 

@@ -122,6 +122,7 @@ fn search(session: &Session, job: &Job, stop: &AtomicBool) -> Result<Arc<Searche
         Ok(found) => Ok(found),
         Err(Error::Input(error)) => Err(told(error, "the scan is read anew with the next plan")),
         Err(Error::Plan(PlanError::GivenUp)) => Err(given_up()),
+        Err(Error::Plan(error @ PlanError::NoView { .. })) => Err(told(error, "scan again")),
         Err(Error::Plan(error @ PlanError::Touch(_))) => {
             Err(told(error, "take the touch out of the job, or name its seam"))
         }

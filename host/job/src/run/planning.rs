@@ -21,7 +21,7 @@ use weldpath_method::input::{self, Scan};
 use weldpath_method::pipeline::{Observer, Plan, PlanError};
 
 use reading::Reading;
-pub use reading::read;
+pub use reading::{options, over_background, read};
 pub use search::Search;
 use steps::Steps;
 

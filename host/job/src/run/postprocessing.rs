@@ -46,6 +46,8 @@ pub struct Output {
     pub feasibility: Option<Report>,
     /// The files of the run, the summary among them.
     pub files: Vec<File>,
+    /// Names of those that are the program; none of a plan that is refused.
+    pub program_files: Vec<String>,
 }
 
 /// Why a plan leads to no files.
@@ -140,12 +142,15 @@ fn output(plan: &Plan, job: &Job, source: Source, stages: &mut Stages) -> Result
         .with_feasibility(feasibility.as_ref())
         .with_verdict(verdict);
     let mut files = vec![File::new("path.csv", csv::write(&paths, frame))];
+    let mut program_names = Vec::new();
     if summary.verdict().state != State::Refused {
         let posture = feasibility.as_ref().and_then(|report| report.posture.clone());
         let remarks =
             resume.map(ResumeSettings::words).into_iter().chain(summary.verdict().lines()).collect();
         let setup = ProgramSetup { posture, remarks, ..job.program_setup() };
-        files.extend(program_files(&program.waypoints, frame, job, &setup)?);
+        let programs = program_files(&program.waypoints, frame, job, &setup)?;
+        program_names.extend(programs.iter().map(|file| file.name.clone()));
+        files.extend(programs);
     }
     files.push(File::new("model.ply", ply::write(&plan.model, frame)));
     if !plan.derived.views.is_empty() {
@@ -156,7 +161,7 @@ fn output(plan: &Plan, job: &Job, source: Source, stages: &mut Stages) -> Result
     if let Some(report) = &feasibility {
         files.push(File::new("feasibility.csv", feasibility_csv::csv(&program.waypoints, report)));
     }
-    Ok(Output { paths, program, summary, feasibility, files })
+    Ok(Output { paths, program, summary, feasibility, files, program_files: program_names })
 }
 
 /// The program, in the coordinates of `frame`, in every form in which it is written.

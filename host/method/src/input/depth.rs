@@ -33,12 +33,16 @@ const PIXEL_BYTES: u64 = 2 + 2 + 4 + 12;
 
 /// The points of a depth image, mm, in the camera's frame: x right, y down, z forward.
 pub(super) fn points_mm(bytes: &[u8], rays: &Rays, path: &Path) -> Result<Vec<Point3<f32>>, Error> {
+    Ok(points_of(&counts(bytes, &rays.camera, path)?, rays))
+}
+
+/// The same of its counts, row by row; there are as many as the camera has pixels.
+pub(super) fn points_of(counts: &[u16], rays: &Rays) -> Vec<Point3<f32>> {
     let camera = &rays.camera;
-    let counts = counts(bytes, camera, path)?;
     let (slopes, mm_per_count) = (rays.slopes(), camera.depth_scale_m * 1000.0);
     let mut points = Vec::with_capacity(counts.len());
     let width = camera.width as usize;
-    let depths = steps::restored(&counts, width, 1.0 / camera.fx);
+    let depths = steps::restored(counts, width, 1.0 / camera.fx);
     for (row, depths) in depths.chunks_exact(width).enumerate() {
         for (column, &depth) in depths.iter().enumerate() {
             let [x, y] = slopes.at(column, row);
@@ -48,7 +52,20 @@ pub(super) fn points_mm(bytes: &[u8], rays: &Rays, path: &Path) -> Result<Vec<Po
             }
         }
     }
-    Ok(points)
+    points
+}
+
+/// What a camera saw in its own frame, which is that of the base until a pose is known.
+pub(super) fn view(name: String, points_mm: Vec<Point3<f32>>, rays: &Rays) -> View {
+    View {
+        name,
+        points_mm,
+        normals: Vec::new(),
+        base_from_camera: Isometry3::identity(),
+        camera_known: true,
+        mesh: None,
+        picture: rays.picture(),
+    }
 }
 
 /// Depths of an image in counts, row by row.
@@ -130,26 +147,22 @@ pub(super) fn read_single(bytes: &[u8], path: &Path, options: &Options) -> Resul
     let depth_scale_m = options.depth_scale_m.unwrap_or(PRIMESENSE.depth_scale_m);
     let camera = given(intrinsics, bytes, depth_scale_m, path)?;
     let rays = Rays::new(camera);
-    let points_mm = points_mm(bytes, &rays, path)?;
-    if points_mm.is_empty() {
-        return Err(Error::empty(path, "every pixel is 0 or 65535, the marks of no reading"));
-    }
-    let view = View {
-        name: name_of(path),
-        points_mm,
-        normals: Vec::new(),
-        base_from_camera: Isometry3::identity(),
-        camera_known: true,
-        mesh: None,
-        picture: rays.picture(),
-    };
-    let mut scan = Scan::of(vec![view], CloudFrame::Camera, path);
-    scan.notes.push("frame: the camera's, since no pose is given".into());
+    let mut scan = single(points_mm(bytes, &rays, path)?, &rays, path)?;
     if options.depth_scale_m.is_none() {
         let words =
             "each step of the depth image is read as 1 mm; if it is another, say so with --depth-scale-m";
         scan.warnings.push(words.into());
     }
+    Ok(scan)
+}
+
+/// The points of one image without a pose.
+pub(super) fn single(points_mm: Vec<Point3<f32>>, rays: &Rays, path: &Path) -> Result<Scan, Error> {
+    if points_mm.is_empty() {
+        return Err(Error::empty(path, "every pixel is 0 or 65535, the marks of no reading"));
+    }
+    let mut scan = Scan::of(vec![view(name_of(path), points_mm, rays)], CloudFrame::Camera, path);
+    scan.notes.push("frame: the camera's, since no pose is given".into());
     Ok(scan)
 }
 

@@ -7,7 +7,7 @@
 
 use std::path::{Component, Path, PathBuf};
 
-use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 use serde::Deserialize;
 use serde_json::Value;
@@ -16,6 +16,7 @@ use super::camera::{Camera, Rays};
 use super::depth;
 use super::direction::Trial;
 use super::misreading::{self, Reading, Told};
+use super::raw::Raw;
 use super::transform::Mount;
 use super::units::Unit;
 use super::{
@@ -55,6 +56,7 @@ const VIEW_KEYS: &[&str] = &[
     "flange_from_base",
     "base_from_tcp",
     "base_from_camera",
+    "camera_from_base",
 ];
 
 /// Farther from its base no flange is, mm; beyond it the unit is wrong.
@@ -62,39 +64,71 @@ const LONGEST_REACH_MM: f64 = 50_000.0;
 /// Farther from the flange no camera is, mm.
 const LONGEST_MOUNT_MM: f64 = 5_000.0;
 
-#[derive(Debug, Deserialize)]
-struct Manifest {
-    units: Option<FileUnit>,
-    camera: Option<Camera>,
-    flange_from_camera: Option<Value>,
-    camera_from_flange: Option<Value>,
-    flange_from_tcp: Option<Value>,
-    views: Vec<Entry>,
+#[derive(Debug, Default, Deserialize)]
+pub(super) struct Manifest {
+    pub units: Option<FileUnit>,
+    pub camera: Option<Camera>,
+    pub flange_from_camera: Option<Value>,
+    pub camera_from_flange: Option<Value>,
+    pub flange_from_tcp: Option<Value>,
+    pub views: Vec<Entry>,
+    /// What the views hold, one for each, where they are no files.
+    #[serde(skip)]
+    pub held: Vec<Held>,
+}
+
+/// What a view holds in memory.
+#[derive(Debug, Clone)]
+pub(super) enum Held {
+    /// The points of a depth image, mm, in the frame of the camera that took it.
+    Depth { points_mm: Vec<Point3<f32>>, rays: Rays },
+    /// A cloud in the camera's frame.
+    Cloud(Raw),
 }
 
 #[derive(Debug, Clone, Copy, Deserialize)]
-enum FileUnit {
+pub(super) enum FileUnit {
     #[serde(rename = "m")]
     Metre,
     #[serde(rename = "mm")]
     Millimetre,
 }
 
-#[derive(Debug, Deserialize)]
-struct Entry {
-    depth: Option<PathBuf>,
-    cloud: Option<PathBuf>,
-    frame: Option<Frame>,
-    camera_m: Option<[f64; 3]>,
-    base_from_flange: Option<Value>,
-    flange_from_base: Option<Value>,
-    base_from_tcp: Option<Value>,
-    base_from_camera: Option<Value>,
+#[derive(Debug, Default, Deserialize)]
+pub(super) struct Entry {
+    pub depth: Option<PathBuf>,
+    pub cloud: Option<PathBuf>,
+    pub frame: Option<Frame>,
+    pub camera_m: Option<[f64; 3]>,
+    pub base_from_flange: Option<Value>,
+    pub flange_from_base: Option<Value>,
+    pub base_from_tcp: Option<Value>,
+    pub base_from_camera: Option<Value>,
+    pub camera_from_base: Option<Value>,
+}
+
+impl Entry {
+    /// The poses that are given, by their keys; one of them is enough.
+    fn poses(&self) -> Vec<(&'static str, &Value)> {
+        let all = [
+            ("base_from_flange", &self.base_from_flange),
+            ("flange_from_base", &self.flange_from_base),
+            ("base_from_tcp", &self.base_from_tcp),
+            ("base_from_camera", &self.base_from_camera),
+            ("camera_from_base", &self.camera_from_base),
+        ];
+        all.into_iter().filter_map(|(key, value)| Some((key, value.as_ref()?))).collect()
+    }
+
+    /// Whether the pose is the camera's own, without a flange.
+    fn is_fixed(&self) -> bool {
+        self.base_from_camera.is_some() || self.camera_from_base.is_some()
+    }
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
-enum Frame {
+pub(super) enum Frame {
     Base,
     Camera,
 }
@@ -102,15 +136,7 @@ enum Frame {
 impl Manifest {
     /// Whose frame the views are put into: without any pose they stay in that of their camera.
     fn frame(&self) -> CloudFrame {
-        let posed = |entry: &Entry| {
-            let poses = [
-                &entry.base_from_flange,
-                &entry.flange_from_base,
-                &entry.base_from_tcp,
-                &entry.base_from_camera,
-            ];
-            entry.frame == Some(Frame::Base) || poses.into_iter().any(Option::is_some)
-        };
+        let posed = |entry: &Entry| entry.frame == Some(Frame::Base) || !entry.poses().is_empty();
         if self.views.iter().any(posed) { CloudFrame::Base } else { CloudFrame::Camera }
     }
 }
@@ -118,13 +144,18 @@ impl Manifest {
 /// Reads `scan.json` and every file that it names.
 pub(super) fn read(path: &Path, options: &Options) -> Result<Scan, Error> {
     let manifest = load(path)?;
-    let mut scan = Scan::of(Vec::new(), manifest.frame(), path);
-    let unit = unit(&manifest, options, &mut scan);
     if !options.allow_outside {
         refuse_outside(&manifest, path)?;
     }
-    let hand_eye = hand_eye(&manifest, unit, path, &mut scan)?;
-    let job = Job { path, unit, hand_eye, rays: manifest.camera.map(Rays::new), manifest: &manifest };
+    views(&manifest, path, options)
+}
+
+/// Reads all views of a manifest, whether it names files or holds them; `path` names it in messages.
+pub(super) fn views(manifest: &Manifest, path: &Path, options: &Options) -> Result<Scan, Error> {
+    let mut scan = Scan::of(Vec::new(), manifest.frame(), path);
+    let unit = unit(manifest, options, &mut scan);
+    let hand_eye = hand_eye(manifest, unit, path, &mut scan)?;
+    let job = Job { path, unit, hand_eye, rays: manifest.camera.map(Rays::new), manifest };
     let read: Vec<_> = (0..manifest.views.len()).into_par_iter().map(|i| job.view(i)).collect();
     for (i, view) in read.into_iter().enumerate() {
         let (view, file, notes) = view?;
@@ -138,8 +169,8 @@ pub(super) fn read(path: &Path, options: &Options) -> Result<Scan, Error> {
     if scan.views.is_empty() {
         return Err(Error::empty(path, format!("none of its {} views sees anything", manifest.views.len())));
     }
-    scan.doubts = doubts(&manifest, &scan.views);
-    check_direction(&manifest, unit, hand_eye, &mut scan, path)?;
+    scan.doubts = doubts(manifest, &scan.views);
+    check_direction(manifest, unit, hand_eye, &mut scan, path)?;
     scan.warnings.extend(scan.doubts.iter().map(|doubt| doubt.words.clone()));
     Ok(scan)
 }
@@ -240,9 +271,14 @@ fn unit(manifest: &Manifest, options: &Options, scan: &mut Scan) -> Unit {
         }
         (None, Some(unit)) => (unit, "as stated in scan.json"),
         (None, None) => {
-            scan.warnings
-                .push("scan.json has no `units`: taken as metres; add \"units\": \"m\" or \"mm\"".into());
-            (Unit::Metre, "the default of scan.json")
+            let words = match manifest.held.is_empty() {
+                true => "scan.json has no `units`: taken as metres; add \"units\": \"m\" or \"mm\"",
+                false => {
+                    "nothing says the unit of the views and their poses: taken as metres; say --units m or --units mm"
+                }
+            };
+            scan.warnings.push(words.into());
+            (Unit::Metre, "the default of views")
         }
     };
     scan.notes.push(format!("units: {} ({why})", unit.name()));
@@ -320,6 +356,11 @@ impl Job<'_> {
     }
 
     fn depth_view(&self, i: usize, name: &Path) -> Result<Read, Error> {
+        if let Some(Held::Depth { points_mm, rays }) = self.manifest.held.get(i) {
+            let base_from_camera = self.base_from_camera(i)?;
+            let view = View { base_from_camera, ..depth::view(name_of(name), points_mm.clone(), rays) };
+            return Ok((view, name.into(), Vec::new()));
+        }
         let Some(rays) = &self.rays else {
             let help = "Add \"camera\": {width, height, fx, fy, cx, cy, depth_scale_m}";
             return Err(Error::malformed(
@@ -332,25 +373,16 @@ impl Job<'_> {
         let base_from_camera = self.base_from_camera(i)?;
         let file = self.file(name);
         let points_mm = depth::points_mm(&read_file(&file)?, rays, &file)?;
-        let name = name_of(&file);
-        Ok((
-            View {
-                name,
-                points_mm,
-                normals: Vec::new(),
-                base_from_camera,
-                camera_known: true,
-                mesh: None,
-                picture: rays.picture(),
-            },
-            file,
-            Vec::new(),
-        ))
+        let view = View { base_from_camera, ..depth::view(name_of(&file), points_mm, rays) };
+        Ok((view, file, Vec::new()))
     }
 
     fn cloud_view(&self, i: usize, name: &Path) -> Result<Read, Error> {
         let base_from_camera = self.base_from_camera(i)?;
-        let (view, file, notes) = self.cloud(name, Vector3::zeros())?;
+        let (view, file, notes) = match self.manifest.held.get(i) {
+            Some(Held::Cloud(raw)) => self.cloud_of(raw.clone(), name.into(), Vector3::zeros())?,
+            _ => self.cloud(name, Vector3::zeros())?,
+        };
         Ok((View { base_from_camera, ..view }, file, notes))
     }
 
@@ -363,11 +395,7 @@ impl Job<'_> {
                 "a cloud in the base frame needs the camera's position, [x, y, z] in metres",
             );
         };
-        if entry.base_from_flange.is_some()
-            || entry.flange_from_base.is_some()
-            || entry.base_from_tcp.is_some()
-            || entry.base_from_camera.is_some()
-        {
+        if !entry.poses().is_empty() {
             return self.bad(i, "base_from_flange", "a cloud in the base frame has no use for a pose");
         }
         let at_mm = Vector3::from(camera_m) * 1000.0;
@@ -378,7 +406,10 @@ impl Job<'_> {
     /// A cloud whose camera stood at `camera_mm` in the cloud's own axes.
     fn cloud(&self, name: &Path, camera_mm: Vector3<f64>) -> Result<Read, Error> {
         let file = self.file(name);
-        let mut raw = parsed(&file)?;
+        self.cloud_of(parsed(&file)?, file, camera_mm)
+    }
+
+    fn cloud_of(&self, mut raw: Raw, file: PathBuf, camera_mm: Vector3<f64>) -> Result<Read, Error> {
         raw.triangles.clear();
         if let Some(other) = raw.unit.filter(|unit| *unit != self.unit) {
             raw.notes.push(format!("the file states {}; read as {}", other.name(), self.unit.name()));
@@ -400,14 +431,7 @@ impl Job<'_> {
         if entry.camera_m.is_some() {
             return self.bad(i, "camera_m", "it belongs to a cloud with \"frame\": \"base\"");
         }
-        let given = [
-            ("base_from_flange", &entry.base_from_flange),
-            ("flange_from_base", &entry.flange_from_base),
-            ("base_from_tcp", &entry.base_from_tcp),
-            ("base_from_camera", &entry.base_from_camera),
-        ];
-        let given: Vec<(&str, &Value)> =
-            given.into_iter().filter_map(|(key, value)| Some((key, value.as_ref()?))).collect();
+        let given = entry.poses();
         let (key, value) = match given[..] {
             [one] => one,
             [] => {
@@ -418,8 +442,8 @@ impl Job<'_> {
                 return self.bad(i, second, format!("{first} is given too; keep one of them"));
             }
         };
-        if key == "base_from_camera" {
-            return self.fixed_camera(i, value);
+        if entry.is_fixed() {
+            return self.fixed_camera(i, key, value);
         }
         let Some(flange_from_camera) = self.hand_eye else {
             let help = "Add the hand-eye calibration, as a 4x4 matrix or the name of its file; if the poses are the camera's, \
@@ -440,14 +464,15 @@ impl Job<'_> {
 
     /// The pose of a camera that stands beside the robot, or is known however it moves; a string is the name of a file beside
     /// scan.json.
-    fn fixed_camera(&self, i: usize, value: &Value) -> Result<Isometry3<f64>, Error> {
-        let place = format!("views[{i}].base_from_camera");
-        let pose = match value.as_str() {
+    fn fixed_camera(&self, i: usize, key: &str, value: &Value) -> Result<Isometry3<f64>, Error> {
+        let place = format!("views[{i}].{key}");
+        let given = match value.as_str() {
             Some(name) => transform::of_file(&transform::file_beside(self.path, name), Mount::Stand)?,
             None => transform::parse(value, self.unit)
                 .map_err(|(problem, help)| Error::malformed(self.path, place, problem, help))?,
         };
-        self.check_reach(i, "base_from_camera", pose.translation.vector)?;
+        let pose = if key == "camera_from_base" { given.inverse() } else { given };
+        self.check_reach(i, key, pose.translation.vector)?;
         Ok(pose)
     }
 
@@ -489,7 +514,10 @@ fn check_direction(
     scan: &mut Scan,
     path: &Path,
 ) -> Result<(), Error> {
-    let in_base = |entry: &Entry| entry.frame == Some(Frame::Base) || entry.base_from_camera.is_some();
+    if !manifest.views.is_empty() && manifest.views.iter().all(Entry::is_fixed) {
+        return check_fixed(manifest, scan, path);
+    }
+    let in_base = |entry: &Entry| entry.frame == Some(Frame::Base) || entry.is_fixed();
     let Some(hand_eye) = hand_eye.filter(|_| !manifest.views.iter().any(in_base)) else { return Ok(()) };
     let flange = |view: &View| view.base_from_camera * hand_eye.inverse();
     let poses: Vec<Isometry3<f64>> = scan.views.iter().map(flange).collect();
@@ -507,6 +535,26 @@ fn check_direction(
         .filter(|w| w.0)
         .map(|w| w.1)
         .collect();
+    tell_direction(&found, &wrong, scan, path)
+}
+
+/// The same of poses that are the camera's own: Open3D's `extrinsic`, for one, is the inverse of a pose.
+fn check_fixed(manifest: &Manifest, scan: &mut Scan, path: &Path) -> Result<(), Error> {
+    let poses: Vec<Isometry3<f64>> = scan.views.iter().map(|view| view.base_from_camera).collect();
+    let Some(found) = direction::better(&scan.views, &poses, &Isometry3::identity()) else { return Ok(()) };
+    let keys = ["base_from_camera", "camera_from_base"];
+    let is_inverse = manifest.views.iter().all(|entry| entry.camera_from_base.is_some());
+    let wrong = if is_inverse { [keys[1], keys[0]] } else { keys };
+    tell_direction(&found, &[wrong], scan, path)
+}
+
+/// Refuses, or warns of, what fits better the other way round: each key, and that of its inverse.
+fn tell_direction(
+    found: &direction::Better,
+    wrong: &[[&str; 2]],
+    scan: &mut Scan,
+    path: &Path,
+) -> Result<(), Error> {
     let names = |k: usize| wrong.iter().map(|pair| pair[k]).collect::<Vec<_>>().join(" and ");
     let problem = format!(
         "the views agree {:.0} times better when {} is inverted ({:.1} mm apart instead of {:.1} mm): is it {}?",
@@ -756,7 +804,6 @@ fn doubts(manifest: &Manifest, views: &[View]) -> Vec<Doubt> {
 mod tests {
     use super::super::read_bytes;
     use super::*;
-    use nalgebra::Point3;
     use std::f64::consts::FRAC_PI_2;
 
     const IDENTITY: &str = "[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]";

@@ -131,6 +131,14 @@ pub enum PlanError {
         /// How far apart they are, and how near they have to be.
         reason: String,
     },
+    /// Views that no reader makes: none, too many, an empty one, numbers that are none.
+    #[error("view {view}: {problem}")]
+    NoView {
+        /// Counted from 0.
+        view: usize,
+        /// What is wrong with it.
+        problem: String,
+    },
     /// [`Observer::is_done`](super::Observer::is_done) said so.
     #[error("the plan was given up")]
     GivenUp,

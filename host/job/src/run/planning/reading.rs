@@ -13,11 +13,18 @@ use weldpath_method::input::{self, CloudFrame, Scan};
 /// # Errors
 /// If there is no input, one of them cannot be read, or both are not in one frame.
 pub fn read(job: &Job, allow_outside: bool) -> Result<Scan, input::Error> {
-    let options = options(job, allow_outside);
-    let scan = input::read(work(job), &options)?;
+    over_background(input::read(work(job), &options(job, allow_outside))?, job, allow_outside)
+}
+
+/// A scan over what the job says was there before.
+///
+/// # Errors
+/// If that cannot be read, or both are not in one frame.
+pub fn over_background(scan: Scan, job: &Job, allow_outside: bool) -> Result<Scan, input::Error> {
     let Some(background) = &job.exclude.background else { return Ok(scan) };
     // What is said of the work's cloud is not said of another.
-    let options = input::Options { camera_mm: None, frame: None, mesh_as: None, ..options };
+    let options =
+        input::Options { camera_mm: None, frame: None, mesh_as: None, ..options(job, allow_outside) };
     scan.over(input::read(background, &options)?)
 }
 
@@ -25,7 +32,8 @@ fn work(job: &Job) -> &Path {
     job.input.as_deref().unwrap_or(Path::new("."))
 }
 
-fn options(job: &Job, allow_outside: bool) -> input::Options {
+/// How the job says that its input is read.
+pub fn options(job: &Job, allow_outside: bool) -> input::Options {
     input::Options {
         units: job.units,
         intrinsics: job.intrinsics,

@@ -3,7 +3,7 @@
 
 /// Keeps what one stage frees for the next: the system would take it back and hand it out again page by page, a tenth of
 /// a run's time.
-pub(super) fn keep_freed() {
+pub(crate) fn keep_freed() {
     #[cfg(all(target_os = "linux", target_env = "gnu"))]
     // SAFETY: settings of the allocator, which takes any values.
     unsafe {

@@ -1,0 +1,97 @@
+"""Arrays on their way to the compiled half and back."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ._weldpath import InputError
+
+Floats = npt.NDArray[np.float64]
+Singles = npt.NDArray[np.float32]
+_EMPTY_DISTANCE = 1e-12
+
+
+def rows(data: bytes, columns: int = 3) -> Floats:
+    """Rows of float64; writable, as a user expects of an array."""
+    return np.frombuffer(data, dtype="<f8").reshape(-1, columns).copy()
+
+
+def single_rows(data: bytes, columns: int = 3) -> Singles:
+    """Rows of float32."""
+    return np.frombuffer(data, dtype="<f4").reshape(-1, columns).copy()
+
+
+def numbers(value: object, what: str) -> npt.NDArray[Any]:
+    """An array of real numbers of any type, order and stride."""
+    array = np.asarray(value)
+    if array.dtype.kind not in "fiu":
+        raise InputError(f"{what}: its elements are {array.dtype}, not real numbers")
+    return array
+
+
+def points(value: object, what: str = "points") -> tuple[bytes, bool, int]:
+    """N x 3 or H x W x 3 coordinates as bytes, whether they are double, and how many points there are."""
+    array = numbers(value, what)
+    if array.ndim not in (2, 3) or array.shape[-1] != 3:
+        raise InputError(f"{what}: the shape is {array.shape}; give N x 3, or H x W x 3 of an organised cloud")
+    double = array.dtype not in (np.float16, np.float32)
+    kind = "<f8" if double else "<f4"
+    flat = np.ascontiguousarray(array.reshape(-1, 3), dtype=kind)
+    return flat.tobytes(), double, len(flat)
+
+
+def vectors(value: object, what: str) -> bytes:
+    """N x 3 or H x W x 3 as float32."""
+    array = numbers(value, what)
+    if array.ndim not in (2, 3) or array.shape[-1] != 3:
+        raise InputError(f"{what}: the shape is {array.shape}; give N x 3")
+    return np.ascontiguousarray(array.reshape(-1, 3), dtype="<f4").tobytes()
+
+
+def triangles(value: object) -> bytes:
+    """M x 3 indices."""
+    array = np.asarray(value)
+    if array.dtype.kind not in "iu" or array.ndim != 2 or array.shape[1] != 3:
+        raise InputError(f"triangles: {array.dtype} of shape {array.shape}; give M x 3 whole numbers")
+    return np.ascontiguousarray(array, dtype="<i8").tobytes()
+
+
+def rigid(value: object, what: str) -> list[list[float]]:
+    """A transform as 4 rows: of a 4 x 4 matrix, or of x, y, z and a rotation vector in rad. Whether it is rigid the reader says."""
+    array = np.asarray(value, dtype=np.float64)
+    if array.shape == (6,):
+        array = _of_vector(array)
+    if array.shape != (4, 4):
+        raise InputError(
+            f"{what}: the shape is {array.shape}; give a 4 x 4 matrix, or (x, y, z, rx, ry, rz) with a rotation vector in rad"
+        )
+    matrix: list[list[float]] = array.tolist()
+    return matrix
+
+
+def _of_vector(six: Floats) -> Floats:
+    """Rodrigues' formula."""
+    angle = float(np.linalg.norm(six[3:]))
+    matrix = np.eye(4)
+    matrix[:3, 3] = six[:3]
+    if angle > _EMPTY_DISTANCE:
+        x, y, z = six[3:] / angle
+        cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        matrix[:3, :3] += np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
+    return matrix
+
+
+def rotations(quaternion_xyzw: Floats) -> Floats:
+    """N x 3 x 3 rotation matrices of unit quaternions."""
+    x, y, z, w = quaternion_xyzw.T
+    matrix = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    return np.ascontiguousarray(np.moveaxis(matrix, 2, 0))

@@ -1,0 +1,255 @@
+"""What is planned: files, arrays, views, Open3D's objects."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, Union
+
+import numpy as np
+import numpy.typing as npt
+
+from . import _arrays, _weldpath
+from ._arrays import Floats, Singles
+from ._weldpath import InputError, JobError
+
+Units = Literal["auto", "m", "mm"]
+"""Unit of coordinates and of the positions in poses."""
+
+PathLike = Union[str, "os.PathLike[str]"]
+JobLike = Union[PathLike, Mapping[str, Any], None]
+
+_POSES = ("base_from_camera", "camera_from_base", "base_from_flange", "flange_from_base", "base_from_tcp")
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """What a camera saw from one pose: a depth image or points, in the camera's frame (x right, y down, z forward).
+
+    Give `depth` with `intrinsics`, or `points`. Of the poses give one, or none if there is only one view; a pose is a 4 x 4
+    matrix or `(x, y, z, rx, ry, rz)` with a rotation vector in rad, its position in the `units` of the plan.
+
+    Open3D calls `camera_from_base` the extrinsic.
+    """
+
+    depth: object = None
+    """H x W: whole numbers of `depth_scale_m` each (0 and 65535 are no readings), or metres as floating point (NaN and 0 are
+    none); an Open3D image or RGBD image."""
+    intrinsics: object = None
+    """fx, fy, cx, cy in pixels, and k1, k2, p1, p2, k3 of a lens that distorts (OpenCV's order); a 3 x 3 matrix; or an Open3D
+    `PinholeCameraIntrinsic`."""
+    depth_scale_m: float | None = None
+    """Metres in one count of a depth image of whole numbers, often 0.001."""
+    points: object = None
+    """N x 3, or H x W x 3 of an organised cloud."""
+    normals: object = None
+    """N x 3, of any length; not needed."""
+    base_from_camera: object = None
+    camera_from_base: object = None
+    base_from_flange: object = None
+    """With `flange_from_camera` of the plan."""
+    flange_from_base: object = None
+    base_from_tcp: object = None
+    """With `flange_from_tcp` of the plan as well."""
+    name: str | None = None
+    """For messages."""
+
+    def _raw(self) -> _weldpath.RawView:
+        if (self.depth is None) == (self.points is None):
+            raise InputError("a view has depth or points, one of the two")
+        raw = self._of_points() if self.depth is None else self._of_depth()
+        poses = [(name, getattr(self, name)) for name in _POSES if getattr(self, name) is not None]
+        if len(poses) > 1:
+            raise InputError(f"a view has one pose, and {' and '.join(name for name, _ in poses)} are given")
+        for name, pose in poses:
+            raw = raw.posed(name, _arrays.rigid(pose, name))
+        return raw if self.name is None else raw.named(self.name)
+
+    def _of_points(self) -> _weldpath.RawView:
+        return _weldpath.RawView.of_cloud(_cloud(self.points, self.normals, None))
+
+    def _of_depth(self) -> _weldpath.RawView:
+        depth = _arrays.numbers(getattr(self.depth, "depth", self.depth), "depth")
+        if depth.ndim == 3 and depth.shape[-1] == 1:
+            depth = depth[..., 0]
+        if depth.ndim != 2:
+            raise InputError(f"depth: the shape is {depth.shape}; give H x W")
+        if self.intrinsics is None:
+            raise InputError("depth needs intrinsics: fx, fy, cx, cy in pixels")
+        height, width = depth.shape
+        scale = self.depth_scale_m
+        if depth.dtype.kind in "iu":
+            if scale is None:
+                raise InputError("depth: whole numbers need depth_scale_m, the metres in one of them, often 0.001")
+            if depth.size and (depth.min() < 0 or depth.max() > 65535):
+                raise InputError(f"depth: {depth.min()} to {depth.max()} are not counts of 16 bits")
+            data = np.ascontiguousarray(depth, dtype="<u2").tobytes()
+        else:
+            if scale not in (None, 1.0):
+                raise InputError("depth: floating point is metres, and needs no depth_scale_m")
+            scale = None
+            data = np.ascontiguousarray(depth, dtype="<f4").tobytes()
+        return _weldpath.RawView.of_depth(data, width, height, _intrinsics(self.intrinsics), scale)
+
+
+Source = Union[PathLike, npt.NDArray[Any], View, Sequence[View], Any]
+"""A path, an array of points, views, or an Open3D cloud or mesh."""
+
+
+def _intrinsics(value: object) -> list[float]:
+    array = np.asarray(getattr(value, "intrinsic_matrix", value), dtype=np.float64)
+    if array.shape == (3, 3):
+        if array[0, 1] != 0.0 or not np.array_equal(array[2], [0.0, 0.0, 1.0]):
+            raise InputError("intrinsics: a 3 x 3 matrix is fx 0 cx, 0 fy cy, 0 0 1, row by row")
+        array = array[[0, 1, 0, 1], [0, 1, 2, 2]]
+    if array.ndim != 1:
+        raise InputError(f"intrinsics: the shape is {array.shape}; give fx, fy, cx, cy in pixels")
+    flat: list[float] = array.tolist()
+    return flat
+
+
+def _cloud(points: object, normals: object, triangles: object) -> _weldpath.RawCloud:
+    data, double, count = _arrays.points(points)
+    if count == 0:
+        raise InputError("points: the array is empty")
+    given = None if normals is None else _arrays.vectors(normals, "normals")
+    faces = None if triangles is None else _arrays.triangles(triangles)
+    return _weldpath.RawCloud(data, double, given, faces)
+
+
+def _of_open3d(source: Any) -> tuple[Any, Any, Any] | None:
+    """Points, normals and triangles of an Open3D cloud or mesh, old or tensor interface."""
+    if hasattr(source, "to_legacy"):
+        source = source.to_legacy()
+    if hasattr(source, "vertices") and hasattr(source, "triangles"):
+        return np.asarray(source.vertices), None, np.asarray(source.triangles)
+    if hasattr(source, "points"):
+        normals = np.asarray(source.normals) if getattr(source, "has_normals", lambda: False)() else None
+        return np.asarray(source.points), normals, None
+    return None
+
+
+@dataclass(frozen=True, eq=False)
+class Scan:
+    """What was read, cleaned and understood."""
+
+    _scan: _weldpath.Scan
+
+    @property
+    def views(self) -> list[tuple[str, Singles, Floats]]:
+        """Per view: its name, points (N x 3, mm, the view's own frame), and `base_from_camera` (4 x 4, mm)."""
+        return [
+            (name, _arrays.single_rows(points), _arrays.rows(pose, 4))
+            for name, points, pose, _ in self._scan.views()
+        ]
+
+    @property
+    def notes(self) -> list[str]:
+        """How it was understood: units, frame, what was dropped."""
+        return [words(note) for note in self._scan.notes()[0]]
+
+    @property
+    def warnings(self) -> list[str]:
+        """What may be wrong with it."""
+        return [words(note) for note in self._scan.notes()[1]]
+
+
+def words(text: str) -> str:
+    """Options of the command as what they are called here."""
+    text = re.sub(r"--(units|frame) (m|mm|camera|base)\b", r'\1="\2"', text)
+    text = text.replace("--camera x,y,z", "camera_mm=(x, y, z)").replace("--allow-outside", "allow_outside=True")
+    return text.replace("--depth-scale-m", "depth_scale_m").replace("--units", "units")
+
+
+def _plain(value: object) -> object:
+    """Numbers of numpy, arrays and paths as JSON has them."""
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    raise JobError(f"{value!r} is nothing that a job can hold")
+
+
+def _without_none(value: object) -> object:
+    if isinstance(value, Mapping):
+        return {str(key): _without_none(item) for key, item in value.items() if item is not None}
+    if isinstance(value, (list, tuple)):
+        return [_without_none(item) for item in value]
+    return value
+
+
+def job_of(job: JobLike, allow_outside: bool, overrides: Mapping[str, object]) -> _weldpath.Job:
+    """The job from a file or a mapping, with what was given by name on top."""
+    on_top = json.dumps(_without_none(overrides), default=_plain)
+    if job is None or isinstance(job, Mapping):
+        settings = json.dumps(_without_none(job or {}), default=_plain)
+        return _weldpath.Job(None, settings, on_top, allow_outside)
+    return _weldpath.Job(os.fspath(job), None, on_top, allow_outside)
+
+
+def scan_of(
+    source: Source,
+    job: JobLike,
+    *,
+    units: Units,
+    base_from_camera: object,
+    flange_from_camera: object,
+    flange_from_tcp: object,
+    normals: object,
+    frame: str | None,
+    camera_mm: Sequence[float] | None,
+    accept: Iterable[str],
+    robot: Sequence[str] | None,
+    allow_outside: bool,
+    threads: int | None,
+) -> tuple[_weldpath.Scan, _weldpath.Job]:
+    """Reads a source of any kind, as a job says."""
+    overrides: dict[str, object] = {"frame": frame, "camera_mm": camera_mm, "formats": robot}
+    if units != "auto":
+        overrides["units"] = units
+    if accept := list(accept):
+        own = job.get("accept", []) if isinstance(job, Mapping) else []
+        overrides["accept"] = [*own, *accept]
+    poses = {"flange_from_camera": flange_from_camera, "flange_from_tcp": flange_from_tcp}
+    try:
+        if isinstance(source, (str, os.PathLike)):
+            given = [name for name, pose in {**poses, "base_from_camera": base_from_camera}.items() if pose is not None]
+            if given:
+                raise InputError(f"{given[0]} is for arrays: a file's poses stand in scan.json")
+            of_file = job_of(job, allow_outside, {**overrides, "input": os.path.abspath(source)})
+            return _weldpath.read(of_file, threads), of_file
+        of_arrays = job_of(job, allow_outside, overrides)
+        if isinstance(source, View):
+            source = [source]
+        if isinstance(source, (list, tuple)) and source and all(isinstance(view, View) for view in source):
+            if base_from_camera is not None:
+                raise InputError("base_from_camera: give it to each View")
+            raw = [view._raw() for view in source]
+            eye, tcp = (None if pose is None else _arrays.rigid(pose, name) for name, pose in poses.items())
+            return _weldpath.read_views(raw, eye, tcp, of_arrays), of_arrays
+        triangles = None
+        if isinstance(source, (list, tuple)) or hasattr(source, "__array__"):
+            points = source
+        else:
+            of_open3d = _of_open3d(source)
+            if of_open3d is None:
+                raise InputError(
+                    f"a {type(source).__name__} is nothing to plan: give a path, an array N x 3, a list of View, or an Open3D "
+                    "cloud or mesh"
+                )
+            points, own, triangles = of_open3d
+            normals = own if normals is None else normals
+        cloud = _cloud(points, normals, triangles)
+        if base_from_camera is None:
+            return _weldpath.read_cloud(cloud, "points", of_arrays), of_arrays
+        view = _weldpath.RawView.of_cloud(cloud).posed(
+            "base_from_camera", _arrays.rigid(base_from_camera, "base_from_camera")
+        )
+        return _weldpath.read_views([view], None, None, of_arrays), of_arrays
+    except InputError as error:
+        raise InputError(words(str(error))) from None
