@@ -138,6 +138,15 @@ else
     echo "!! NOT CHECKED: it needs Python 3.11, python3 -m venv, and the peer's packages from pip"
 fi
 
+say "package for Python: its wheel, its types, its tests"
+code=0
+tests/python.sh || code=$?
+case $code in
+0) ;;
+77) echo "!! NOT CHECKED: it needs Python 3.10 or newer, python3 -m venv, and packages from pip" ;;
+*) exit $code ;;
+esac
+
 say "firmware, begun beside the lints: emulated board, STM32F407, lints"
 joined firmware
 
@@ -150,7 +159,7 @@ for folder in tests/tests/*/; do
     [ "$name" = live ] || computing="$computing --test $name"
 done
 failed=
-nice cargo test $packages --release --no-fail-fast --lib --bins --test command $computing || failed=1
+nice cargo test $packages --release --no-fail-fast --lib --bins --test command --test examples --test library $computing || failed=1
 nice cargo test $packages --release --doc || failed=1
 joined live || failed=1
 [ -z "$failed" ] || exit 1

@@ -1,20 +1,19 @@
-//! From a scan, or one cloud or mesh, to the torch paths of its seams as CSV.
+//! From a scan, or one cloud or mesh, to the torch paths of its seams.
 //!
 //! `cargo run --release -p weldpath --example plan_a_cloud -- fixtures/pipe`
 
-use std::path::Path;
-
-use weldpath::output::{csv, frame::PathFrame};
-use weldpath::{input, pipeline};
+use weldpath::{Job, Run, input};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let input = std::env::args().nth(1).unwrap_or("fixtures/pipe".into());
-    print!("{}", planned(Path::new(&input))?);
+    let run = planned(&std::env::args().nth(1).unwrap_or("fixtures/pipe".into()))?;
+    run.verdict().lines().iter().for_each(|line| println!("{line}"));
+    for path in run.paths()? {
+        println!("seam {}: {} points, {:.1} mm", path.seam, path.points.len(), path.length_mm());
+    }
     Ok(())
 }
 
-pub(crate) fn planned(input: &Path) -> Result<String, Box<dyn std::error::Error>> {
-    let scan = input::read(input, &input::Options::default())?;
-    let plan = pipeline::plan(&scan.views, &pipeline::Config::default(), &mut ())?;
-    Ok(csv::write(&plan.paths, PathFrame::from(scan.frame)))
+pub(crate) fn planned(scan: &str) -> Result<Run, Box<dyn std::error::Error>> {
+    let scan = input::read(scan.as_ref(), &input::Options::default())?;
+    Ok(weldpath::plan(&scan, &Job::default(), &mut ())?)
 }

@@ -15,7 +15,7 @@ use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 use weldpath::robot::dialect::Dialect;
 use weldpath::run::planning;
-use weldpath::{CameraPose, Job, RawCloud, RawScan, RawView, Transform, input};
+use weldpath::{CameraPose, Job, PosedViews, RawCloud, RawView, Transform, input};
 
 use arrays::{bytes_of, coordinates, triples};
 use errors::{job_error, of_plan, python};
@@ -215,7 +215,7 @@ fn read_views(
     flange_from_tcp: Option<[[f64; 4]; 4]>,
     job: &PyJob,
 ) -> PyResult<PyScan> {
-    let raw = RawScan {
+    let raw = PosedViews {
         views: views.iter().map(|view| view.view.clone()).collect(),
         flange_from_camera: flange_from_camera.map(Transform::Matrix),
         flange_from_tcp: flange_from_tcp.map(Transform::Matrix),

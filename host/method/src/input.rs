@@ -53,7 +53,7 @@ use std::sync::Arc;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 use crate::geometry::cloud::View;
-pub use arrays::{CameraPose, Coordinates, RawCloud, RawScan, RawView, Transform};
+pub use arrays::{CameraPose, Coordinates, PosedViews, RawCloud, RawView, Transform};
 pub use camera::{CameraPosition, Distortion, Intrinsics};
 pub use doubt::{CloudFrame, Doubt, DoubtKind};
 use format::{Format, Reader};

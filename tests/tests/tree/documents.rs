@@ -64,7 +64,9 @@ fn the_map_of_the_host_is_the_listing_of_its_folders() {
     let map = read("ARCHITECTURE.md");
     let rows = map.split("## The crates of host/\n").nth(1).and_then(|rest| rest.split("\n## ").next());
     let rows = rows.expect("the table of the crates").lines().filter_map(|line| line.strip_prefix("| `"));
-    let mut drawn: Vec<String> = rows.filter_map(|row| Some(row.split('`').next()?.to_owned())).collect();
+    let stem =
+        |row: &str| Some(Path::new(row.split('`').next()?).with_extension("").to_string_lossy().into_owned());
+    let mut drawn: Vec<String> = rows.filter_map(stem).collect();
     let mut there = Vec::new();
     for folder in HOST {
         for entry in std::fs::read_dir(root().join(folder)).expect("the crate") {

@@ -109,11 +109,11 @@ pub enum CameraPose {
     BaseFromCamera(Transform),
     /// Its inverse, such as Open3D's `extrinsic`.
     CameraFromBase(Transform),
-    /// The flange's, with [`RawScan::flange_from_camera`].
+    /// The flange's, with [`PosedViews::flange_from_camera`].
     BaseFromFlange(Transform),
     /// Its inverse.
     FlangeFromBase(Transform),
-    /// The tool's, with [`RawScan::flange_from_tcp`] as well.
+    /// The tool's, with [`PosedViews::flange_from_tcp`] as well.
     BaseFromTcp(Transform),
 }
 
@@ -224,7 +224,7 @@ fn counts(depth_m: &[f32], step_m: f64) -> Option<Vec<u16>> {
 
 /// Views with what they share.
 #[derive(Debug, Clone, Default)]
-pub struct RawScan {
+pub struct PosedViews {
     /// One for each place of the camera.
     pub views: Vec<RawView>,
     /// Hand-eye transform, for poses of the flange or the tool.
@@ -236,7 +236,7 @@ pub struct RawScan {
 /// What stands for the file in messages about views in memory.
 const NAME: &str = "views";
 
-impl RawScan {
+impl PosedViews {
     /// The scan that a `scan.json` with these views is. A single view without a pose is a scan in its camera's frame.
     ///
     /// # Errors
@@ -307,15 +307,16 @@ mod tests {
         let counts = depth_m.iter().map(|z| (z * 1000.0).round() as u16).collect();
         let by_counts = RawView::of_depth(counts, [64, 48], &intrinsics, 0.001).expect("a view");
         let points = |view| {
-            let scan = RawScan { views: vec![view], ..RawScan::default() }.read(&Options::default());
+            let scan = PosedViews { views: vec![view], ..PosedViews::default() }.read(&Options::default());
             scan.expect("a scan").views[0].points_mm.clone()
         };
         assert_eq!(points(by_metres), points(by_counts));
         // Others stay as they are, and keep the bounds of their picture.
         let odd: Vec<f32> = depth_m.iter().map(|z| z * 1.000_37).collect();
         let view = RawView::of_depth_m(&odd, [64, 48], &intrinsics).expect("a view");
-        let scan =
-            RawScan { views: vec![view], ..RawScan::default() }.read(&Options::default()).expect("a scan");
+        let scan = PosedViews { views: vec![view], ..PosedViews::default() }
+            .read(&Options::default())
+            .expect("a scan");
         assert!((scan.views[0].points_mm[0].z - 1000.0 * odd[0]).abs() < 1e-3);
         assert!(scan.views[0].picture.is_some());
     }
@@ -329,7 +330,8 @@ mod tests {
         let read = |pose| {
             let views = vec![view.clone().posed(pose)];
             let options = Options { units: super::super::Units::Metres, ..Options::default() };
-            RawScan { views, ..RawScan::default() }.read(&options).expect("a scan").views[0].base_from_camera
+            PosedViews { views, ..PosedViews::default() }.read(&options).expect("a scan").views[0]
+                .base_from_camera
         };
         let given = read(CameraPose::BaseFromCamera(Transform::Matrix(FROM_ABOVE)));
         let turned = read(CameraPose::CameraFromBase(Transform::Matrix(inverse)));
@@ -347,7 +349,7 @@ mod tests {
         refused(RawView::of_depth_m(&depth_m, [64, 47], &intrinsics), "3072 pixels are not 64 x 47");
         refused(RawView::of_depth(vec![1; 4], [2, 2], &intrinsics, 0.0), "depth_scale_m");
         let view = RawView::of_depth_m(&depth_m, [64, 48], &intrinsics).expect("a view");
-        let read = |views| RawScan { views, ..RawScan::default() }.read(&Options::default());
+        let read = |views| PosedViews { views, ..PosedViews::default() }.read(&Options::default());
         let error = |views| read(views).expect_err("refused").to_string();
         assert!(error(vec![view.clone(), view.clone()]).contains("views[0].base_from_flange"));
         assert!(error(Vec::new()).contains("the list of views is empty"));
