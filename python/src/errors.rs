@@ -3,7 +3,7 @@
 use std::fmt::Display;
 
 use pyo3::create_exception;
-use pyo3::exceptions::{PyException, PyKeyboardInterrupt, PyRuntimeError, PyValueError};
+use pyo3::exceptions::{PyException, PyKeyboardInterrupt, PyRuntimeError};
 use pyo3::prelude::*;
 use pyo3::type_object::PyTypeInfo;
 use weldpath::output::verdict::ReasonId;
@@ -86,7 +86,7 @@ pub(crate) fn withheld(py: Python<'_>, withheld: &Withheld) -> PyErr {
 }
 
 pub(crate) fn reasons(names: &[String]) -> PyResult<Vec<ReasonId>> {
-    names.iter().map(|name| name.parse().map_err(PyValueError::new_err::<String>)).collect()
+    names.iter().map(|name| name.parse().map_err(python::<JobError>)).collect()
 }
 
 pub(crate) fn robot(name: &str) -> PyResult<Dialect> {
@@ -95,7 +95,7 @@ pub(crate) fn robot(name: &str) -> PyResult<Dialect> {
         Dialect::ALL.iter().find(|robot| serde_json::to_value(robot).is_ok_and(|value| value == name));
     found.copied().ok_or_else(|| {
         let names: Vec<String> = known().map(|value| value.as_str().unwrap_or_default().into()).collect();
-        PyValueError::new_err(format!("{name:?} is no robot; there are {}", names.join(", ")))
+        python::<JobError>(format!("{name:?} is no robot; there are {}", names.join(", ")))
     })
 }
 

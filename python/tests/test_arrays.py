@@ -197,3 +197,78 @@ def test_the_papers_quantities_are_those_of_its_equations() -> None:
             weldpath.edge_scores(cloud, bad)
     with pytest.raises(weldpath.InputError, match="not finite"):
         weldpath.normals(np.full((3, 3), np.nan), 3.0)
+
+
+class Like:
+    """An object with these attributes, as Open3D's are used here."""
+
+    def __init__(self, **attributes: Any) -> None:
+        vars(self).update(attributes)
+
+
+SQUARE = [[0.0, 0.0, 0.0], [9.0, 0.0, 0.0], [0.0, 9.0, 0.0]]
+
+
+@pytest.mark.parametrize(
+    ("source", "named", "part"),
+    [
+        ([np.ones((5, 3)), np.ones((5, 3))], {}, "a list of clouds"),
+        (np.ones((5, 3)), {"base_from_camera": np.eye(4), "frame": "base"}, 'frame="base"'),
+        (np.ones((5, 3)), {"base_from_camera": np.eye(4), "camera_mm": (0, 0, 9)}, "camera_mm"),
+        (Like(vertices=SQUARE, triangles=[[0, 1, -1]]), {}, "-1 is no index"),
+        (Like(vertices=SQUARE, triangles=[[0, 1, 2]]), {"base_from_camera": np.eye(4)}, "a mesh has"),
+        (Like(points=SQUARE, lines=[[0, 1]]), {}, "nothing to plan"),
+        (weldpath.View(np.ones((4, 4)), Like(intrinsic_matrix=np.eye(3), width=8, height=4)), {}, "8 x 4"),
+        (weldpath.View(np.full((4, 4), 520.3), (9, 9, 2, 2)), {}, "metres are expected"),
+        ([weldpath.View(points=SQUARE, base_from_camera=np.eye(4))], {"flange_from_camera": np.eye(4)}, "flange"),
+        (weldpath.View(points=SQUARE, base_from_camera=[[1, 2], [3]]), {}, "base_from_camera"),
+    ],
+)
+def test_what_contradicts_itself_is_refused(source: Any, named: dict[str, Any], part: str) -> None:
+    with pytest.raises(weldpath.InputError, match=part):
+        weldpath.plan(source, **named)
+
+
+def test_what_is_masked_is_no_reading(lap_cloud: np.ndarray[Any, Any]) -> None:
+    cloud = lap_cloud.astype(np.float64)
+    hidden = np.zeros(cloud.shape, bool)
+    hidden[::3] = True
+    spoilt = np.where(hidden, 77.0, cloud)
+    read = points_of(np.ma.masked_array(spoilt, hidden), units="mm", frame="base")
+    assert np.abs(read - points_of(cloud[~hidden[:, 0]], units="mm", frame="base")).max() < 1e-3
+
+
+def test_arrays_are_shown_by_their_shapes() -> None:
+    run = weldpath.plan(FIXTURES / "lap")
+    for shown in (run.paths, run.seams[0], run.model, run.views, views(FIXTURES / "lap")[0][0]):
+        assert len(repr(shown)) < 1500, repr(shown)
+    assert repr(run) == "<weldpath.Run: check, 1 seam>"
+
+
+def test_the_usual_mistakes_with_a_cameras_pose_are_named() -> None:
+    from weldpath._arrays import rigid
+
+    made, shared = views(FIXTURES / "fillet")
+    eye = np.array(shared["flange_from_camera"])
+    poses = [np.array(rigid(view.base_from_flange, "pose")) @ eye for view in made]
+
+    def plan(poses: list[Any], units: Any = "m", **changed: Any) -> str:
+        told = [weldpath.View(**{**vars(view), "base_from_flange": None, "base_from_camera": pose, **changed})
+                for view, pose in zip(made, poses)]
+        with pytest.raises(weldpath.InputError) as caught:
+            weldpath.plan(told, units=units)
+        return str(caught.value)
+
+    opengl = np.diag([1.0, -1.0, -1.0, 1.0])
+    assert "OpenGL" in plan([pose @ opengl for pose in poses])
+    assert "belongs to the pose" in plan(poses[1:] + poses[:1])
+    assert "in metres and not in millimetres" in plan(poses, units="mm")
+    turned = [np.block([[pose[:3, :3].T, pose[:3, 3:]], [np.zeros((1, 3)), np.ones((1, 1))]]) for pose in poses]
+    assert "transposed" in plan(turned)
+    assert "each step of the images is" in plan(poses, depth_scale_m=made[0].depth_scale_m * 10)
+
+
+def test_normals_that_are_no_numbers_are_none(lap_cloud: np.ndarray[Any, Any]) -> None:
+    bare = weldpath.plan(lap_cloud, units="mm", frame="base")
+    with_nan = weldpath.plan(lap_cloud, units="mm", frame="base", normals=np.full(lap_cloud.shape, np.nan))
+    assert np.array_equal(bare.paths[0].position_mm, with_nan.paths[0].position_mm)

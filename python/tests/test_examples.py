@@ -47,7 +47,8 @@ def listing() -> str:
         if inspect.isfunction(thing):
             lines.append(f"{name}{inspect.signature(thing)}")
         elif inspect.isclass(thing):
-            lines.append(f"class {name}({', '.join(base.__name__ for base in thing.__bases__)})")
+            bases = [base.__name__ for base in thing.__bases__ if base.__name__ not in ("object", "Short")]
+            lines.append(f"class {name}" + (f"({', '.join(bases)})" if bases else ""))
             fields = [field.name for field in dataclasses.fields(thing)] if dataclasses.is_dataclass(thing) else []
             own = [key for key, value in vars(thing).items() if not key.startswith("_") and key not in fields]
             for key in [field for field in fields if not field.startswith("_")] + sorted(own):

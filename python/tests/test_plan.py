@@ -214,7 +214,7 @@ def test_what_a_notebook_shows() -> None:
     table = run.seams._repr_html_()
     assert table.count("<tr>") == 1 + len(run.seams) and "lap" in table
     assert run._repr_html_().startswith("<p><b>verdict: ")
-    assert "seam" in repr(run.seams) and "1 seams" in repr(run)
+    assert "seam" in repr(run.seams)
     assert "<html" in run.report_html()[:500]
     view = run.views[0]
     assert view.left_out is None and np.allclose(view.base_from_camera[:3, :3] @ view.base_from_camera[:3, :3].T, np.eye(3))

@@ -492,7 +492,10 @@ fn view_of(
     // Where the camera is known it tells the sides better than a file does.
     let given =
         if camera.is_none() && raw.normals.len() == raw.positions.len() { raw.normals } else { Vec::new() };
-    let unit = |n: Vector3<f32>| n.try_normalize(1e-6).unwrap_or_else(Vector3::zeros);
+    // Not a number is not small: it would pass for a direction.
+    let unit = |n: Vector3<f32>| {
+        n.try_normalize(1e-6).filter(|n| n.iter().all(|c| c.is_finite())).unwrap_or_else(Vector3::zeros)
+    };
     let given: Vec<Vector3<f32>> = given.into_iter().map(unit).collect();
     // Some programs write the columns and leave them empty.
     let filled = given.iter().filter(|n| **n != Vector3::zeros()).count();

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -24,12 +25,40 @@ def single_rows(data: bytes, columns: int = 3) -> Singles:
     return np.frombuffer(data, dtype="<f4").reshape(-1, columns).copy()
 
 
+class Short:
+    """A dataclass whose arrays are shown by their shapes."""
+
+    def __repr__(self) -> str:
+        shown = []
+        for field in dataclasses.fields(self):  # type: ignore[arg-type]
+            value = getattr(self, field.name)
+            if isinstance(value, np.ndarray):
+                shown.append(f"{field.name}: {' x '.join(map(str, value.shape))}")
+            elif isinstance(value, dict) or isinstance(value, tuple) and len(value) > 3:
+                shown.append(f"{field.name}: {len(value)}")
+            else:
+                shown.append(f"{field.name}={value!r}")
+        return f"{type(self).__name__}({', '.join(shown)})"
+
+
 def numbers(value: object, what: str) -> npt.NDArray[Any]:
-    """An array of real numbers of any type, order and stride."""
-    array = np.asarray(value)
+    """An array of real numbers of any type, order and stride; what is masked is no reading."""
+    if isinstance(value, np.ma.MaskedArray):
+        value = value.filled(np.nan if value.dtype.kind == "f" else 0)
+    array = plain(value, what)
     if array.dtype.kind not in "fiu":
         raise InputError(f"{what}: its elements are {array.dtype}, not real numbers")
     return array
+
+
+def plain(value: Any, what: str) -> npt.NDArray[Any]:
+    """As an array; tensors of Open3D and others hand theirs out by `numpy()`."""
+    if not isinstance(value, np.ndarray) and callable(getattr(value, "numpy", None)):
+        value = value.numpy()
+    try:
+        return np.asarray(value)
+    except ValueError as error:
+        raise InputError(f"{what}: {error}") from None
 
 
 def points(value: object, what: str = "points") -> tuple[bytes, bool, int]:
@@ -53,21 +82,25 @@ def vectors(value: object, what: str) -> bytes:
 
 def triangles(value: object) -> bytes:
     """M x 3 indices."""
-    array = np.asarray(value)
+    array = plain(value, "triangles")
     if array.dtype.kind not in "iu" or array.ndim != 2 or array.shape[1] != 3:
         raise InputError(f"triangles: {array.dtype} of shape {array.shape}; give M x 3 whole numbers")
+    if array.size and array.min() < 0:
+        raise InputError(f"triangles: {array.min()} is no index; they are counted from 0")
     return np.ascontiguousarray(array, dtype="<i8").tobytes()
 
 
 def rigid(value: object, what: str) -> list[list[float]]:
     """A transform as 4 rows: of a 4 x 4 matrix, or of x, y, z and a rotation vector in rad. Whether it is rigid the reader says."""
-    array = np.asarray(value, dtype=np.float64)
+    array = numbers(value, what).astype(np.float64)
     if array.shape == (6,):
         array = _of_vector(array)
     if array.shape != (4, 4):
         raise InputError(
             f"{what}: the shape is {array.shape}; give a 4 x 4 matrix, or (x, y, z, rx, ry, rz) with a rotation vector in rad"
         )
+    if not np.isfinite(array).all():
+        raise InputError(f"{what}: a number of it is not finite")
     matrix: list[list[float]] = array.tolist()
     return matrix
 

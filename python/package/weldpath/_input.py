@@ -25,8 +25,8 @@ JobLike = Union[PathLike, Mapping[str, Any], None]
 _POSES = ("base_from_camera", "camera_from_base", "base_from_flange", "flange_from_base", "base_from_tcp")
 
 
-@dataclass(frozen=True, eq=False)
-class View:
+@dataclass(frozen=True, eq=False, repr=False)
+class View(_arrays.Short):
     """What a camera saw from one pose: a depth image or points, in the camera's frame (x right, y down, z forward).
 
     Give `depth` with `intrinsics`, or `points`. Of the poses give one, or none if there is only one view; a pose is a 4 x 4
@@ -69,7 +69,11 @@ class View:
         return raw if self.name is None else raw.named(self.name)
 
     def _of_points(self) -> _weldpath.RawView:
-        return _weldpath.RawView.of_cloud(_cloud(self.points, self.normals, None))
+        points, normals, faces = _of_open3d(self.points) or (self.points, None, None)
+        if faces is not None:
+            raise InputError("a view holds points that a camera saw; plan a mesh by itself")
+        given = normals if self.normals is None else self.normals
+        return _weldpath.RawView.of_cloud(_cloud(points, given, None))
 
     def _of_depth(self) -> _weldpath.RawView:
         depth = _arrays.numbers(getattr(self.depth, "depth", self.depth), "depth")
@@ -80,6 +84,10 @@ class View:
         if self.intrinsics is None:
             raise InputError("depth needs intrinsics: fx, fy, cx, cy in pixels")
         height, width = depth.shape
+        lens = getattr(self.intrinsics, "intrinsic", self.intrinsics)
+        size = (getattr(lens, "width", width), getattr(lens, "height", height))
+        if size != (width, height) and all(size):
+            raise InputError(f"depth is {width} x {height}, and the intrinsics are those of an image of {size[0]} x {size[1]}")
         scale = self.depth_scale_m
         if depth.dtype.kind in "iu":
             if scale is None:
@@ -92,7 +100,7 @@ class View:
                 raise InputError("depth: floating point is metres, and needs no depth_scale_m")
             scale = None
             data = np.ascontiguousarray(depth, dtype="<f4").tobytes()
-        return _weldpath.RawView.of_depth(data, width, height, _intrinsics(self.intrinsics), scale)
+        return _weldpath.RawView.of_depth(data, width, height, _intrinsics(lens), scale)
 
 
 Source = Union[PathLike, npt.NDArray[Any], View, Sequence[View], Any]
@@ -100,7 +108,7 @@ Source = Union[PathLike, npt.NDArray[Any], View, Sequence[View], Any]
 
 
 def _intrinsics(value: object) -> list[float]:
-    array = np.asarray(getattr(value, "intrinsic_matrix", value), dtype=np.float64)
+    array = _arrays.numbers(getattr(value, "intrinsic_matrix", value), "intrinsics").astype(np.float64)
     if array.shape == (3, 3):
         if array[0, 1] != 0.0 or not np.array_equal(array[2], [0.0, 0.0, 1.0]):
             raise InputError("intrinsics: a 3 x 3 matrix is fx 0 cx, 0 fy cy, 0 0 1, row by row")
@@ -122,6 +130,8 @@ def _cloud(points: object, normals: object, triangles: object) -> _weldpath.RawC
 
 def _of_open3d(source: Any) -> tuple[Any, Any, Any] | None:
     """Points, normals and triangles of an Open3D cloud or mesh, old or tensor interface."""
+    if isinstance(source, np.ndarray) or hasattr(source, "lines"):
+        return None
     if hasattr(source, "to_legacy"):
         source = source.to_legacy()
     if hasattr(source, "vertices") and hasattr(source, "triangles"):
@@ -223,17 +233,35 @@ def scan_of(
                 raise InputError(f"{given[0]} is for arrays: a file's poses stand in scan.json")
             of_file = job_of(job, allow_outside, {**overrides, "input": os.path.abspath(source)})
             return _weldpath.read(of_file, threads), of_file
+        if base_from_camera is not None:
+            if frame == "base" or camera_mm is not None:
+                other = "camera_mm" if camera_mm is not None else 'frame="base"'
+                raise InputError(f"base_from_camera takes the points of a camera to the base's frame, and {other} says that they are there")
+            # What it says is that they are the camera's.
+            del overrides["frame"]
         of_arrays = job_of(job, allow_outside, overrides)
         if isinstance(source, View):
             source = [source]
         if isinstance(source, (list, tuple)) and source and all(isinstance(view, View) for view in source):
-            if base_from_camera is not None:
-                raise InputError("base_from_camera: give it to each View")
+            for name, value in (("base_from_camera", base_from_camera), ("normals", normals)):
+                if value is not None:
+                    raise InputError(f"{name}: give it to each View")
             raw = [view._raw() for view in source]
+            if not any(pose is not None for view in source for pose in (view.base_from_flange, view.flange_from_base, view.base_from_tcp)):
+                given = [name for name, pose in poses.items() if pose is not None]
+                if given:
+                    raise InputError(f"{given[0]} is for poses of the flange or the tool, and no view has one")
             eye, tcp = (None if pose is None else _arrays.rigid(pose, name) for name, pose in poses.items())
             return _weldpath.read_views(raw, eye, tcp, of_arrays), of_arrays
         triangles = None
-        if isinstance(source, (list, tuple)) or hasattr(source, "__array__"):
+        if isinstance(source, (list, tuple)) and any(
+            isinstance(part, np.ndarray) and part.ndim > 1 or _of_open3d(part) for part in source
+        ):
+            raise InputError(
+                "a list of clouds: give a list of View(points=..., base_from_camera=...), or join them by numpy.concatenate if they are "
+                "in one frame"
+            )
+        if isinstance(source, (list, tuple)) or hasattr(source, "__array__") or callable(getattr(source, "numpy", None)):
             points = source
         else:
             of_open3d = _of_open3d(source)
@@ -243,6 +271,8 @@ def scan_of(
                     "cloud or mesh"
                 )
             points, own, triangles = of_open3d
+            if triangles is not None and (normals is not None or base_from_camera is not None):
+                raise InputError("a mesh has its own normals and no camera: leave normals and base_from_camera out")
             normals = own if normals is None else normals
         cloud = _cloud(points, normals, triangles)
         if base_from_camera is None:

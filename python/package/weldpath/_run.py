@@ -48,8 +48,8 @@ class Verdict:
         return "\n  ".join(lines)
 
 
-@dataclass(frozen=True, eq=False)
-class Seam:
+@dataclass(frozen=True, eq=False, repr=False)
+class Seam(_arrays.Short):
     """A seam that was found, whether or not it is welded. Robot base frame."""
 
     id: int
@@ -124,8 +124,8 @@ class Seams(Sequence[Seam]):
         return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
 
 
-@dataclass(frozen=True, eq=False)
-class TorchPath:
+@dataclass(frozen=True, eq=False, repr=False)
+class TorchPath(_arrays.Short):
     """The torch along one pass of a seam, in the order in which it is welded. Robot base frame."""
 
     seam: int
@@ -145,8 +145,8 @@ class TorchPath:
         return len(self.position_mm)
 
 
-@dataclass(frozen=True, eq=False)
-class Program:
+@dataclass(frozen=True, eq=False, repr=False)
+class Program(_arrays.Short):
     """Every waypoint in order, approaches and air moves among them. Robot base frame."""
 
     position_mm: Floats
@@ -167,8 +167,8 @@ class Program:
         return len(self.position_mm)
 
 
-@dataclass(frozen=True, eq=False)
-class Model:
+@dataclass(frozen=True, eq=False, repr=False)
+class Model(_arrays.Short):
     """All views merged, registered, thinned and filtered. Robot base frame."""
 
     points_mm: Floats
@@ -177,8 +177,8 @@ class Model:
     """N x 3, unit, toward the camera that saw them."""
 
 
-@dataclass(frozen=True, eq=False)
-class RegisteredView:
+@dataclass(frozen=True, eq=False, repr=False)
+class RegisteredView(_arrays.Short):
     """Where a view's camera stood, as the views agree."""
 
     name: str
@@ -356,7 +356,8 @@ class Run:
         return shown
 
     def __repr__(self) -> str:
-        return f"<weldpath.Run: {self.verdict.state}, {len(self.seams)} seams>"
+        count = len(self.seams)
+        return f"<weldpath.Run: {self.verdict.state}, {count} seam{'' if count == 1 else 's'}>"
 
     def _repr_html_(self) -> str:
         lines = html.escape(str(self.verdict)).replace("\n", "<br>")

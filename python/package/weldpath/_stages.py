@@ -69,8 +69,8 @@ def bilateral(
     return _arrays.single_rows(_weldpath.bilateral(data, given, widths)) + middle
 
 
-@dataclass(frozen=True, eq=False)
-class EdgeScores:
+@dataclass(frozen=True, eq=False, repr=False)
+class EdgeScores(_arrays.Short):
     """How much of an edge each of N points is."""
 
     intensity: Singles
@@ -92,8 +92,8 @@ def edge_scores(points_mm: npt.ArrayLike, radius_mm: float) -> EdgeScores:
     )
 
 
-@dataclass(frozen=True, eq=False)
-class Registration:
+@dataclass(frozen=True, eq=False, repr=False)
+class Registration(_arrays.Short):
     """Where the cameras of a scan's views stood, put right against each other."""
 
     base_from_camera: Floats

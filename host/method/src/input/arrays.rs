@@ -105,7 +105,7 @@ impl Transform {
 /// Where the camera stood for a view.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum CameraPose {
-    /// The camera's own pose.
+    /// The camera's own pose: x right, y down, z forward.
     BaseFromCamera(Transform),
     /// Its inverse, such as Open3D's `extrinsic`.
     CameraFromBase(Transform),
@@ -130,6 +130,9 @@ const STEPS_M: [f64; 6] = [1e-3, 5e-4, 2.5e-4, 1.25e-4, 1e-4, 5e-5];
 /// How near to a whole number of steps all its depths are then, steps: single precision leaves 0.02 of the finest at 10 m.
 const ON_STEP: f64 = 0.05;
 
+/// Farther away no depth camera sees, m.
+const FARTHEST_SEEN_M: f32 = 100.0;
+
 impl RawView {
     /// A depth image in counts, row by row; 0 and 65535 are no readings.
     ///
@@ -152,11 +155,18 @@ impl RawView {
     /// # Errors
     /// As [`RawView::of_depth`].
     pub fn of_depth_m(depth_m: &[f32], size_px: [u32; 2], intrinsics: &Intrinsics) -> Result<Self, Error> {
+        let rays = rays(depth_m.len(), size_px, intrinsics, STEPS_M[0])?;
+        let mut seen: Vec<f32> = depth_m.iter().copied().filter(|z| *z > 0.0).collect();
+        seen.sort_unstable_by(f32::total_cmp);
+        if let Some(median) = seen.get(seen.len() / 2).filter(|median| **median > FARTHEST_SEEN_M) {
+            let problem = format!("metres are expected, and half of the depths are over {median:.0}");
+            let help = "Divide by 1000 if they are millimetres";
+            return Err(Error::malformed(Path::new("depth"), "values", problem, help));
+        }
         if let Some((counts, step_m)) = STEPS_M.iter().find_map(|step| Some((counts(depth_m, *step)?, *step)))
         {
             return Self::of_depth(counts, size_px, intrinsics, step_m);
         }
-        let rays = rays(depth_m.len(), size_px, intrinsics, STEPS_M[0])?;
         let width = size_px[0].max(1) as usize;
         let point = |(at, &z): (usize, &f32)| {
             let [x, y] = rays.slopes().at(at % width, at / width);
@@ -202,6 +212,9 @@ fn rays(
     let camera = Camera::new(size_px, intrinsics, depth_scale_m);
     memory::hold_plan(path, pixels)?;
     match camera.fault() {
+        Some((field @ "depth_scale_m", problem)) => {
+            Err(Error::malformed(path, field, problem, "Give the metres in one count, often 0.001"))
+        }
         Some((field, problem)) => {
             Err(Error::malformed(path, field, problem, "Give the intrinsics of the depth stream, in pixels"))
         }

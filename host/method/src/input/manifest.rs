@@ -5,17 +5,18 @@
 //! view is a `depth` image or a `cloud` in the camera's frame, or a cloud with `"frame": "base"` and `camera_m`. A key
 //! that is not known is refused: a misspelt one would be silently ignored otherwise.
 
+mod readings;
+
 use std::path::{Component, Path, PathBuf};
 
-use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 use rayon::prelude::*;
 use serde::Deserialize;
 use serde_json::Value;
 
 use super::camera::{Camera, Rays};
 use super::depth;
-use super::direction::Trial;
-use super::misreading::{self, Reading, Told};
+use super::misreading::{self, Told};
 use super::raw::Raw;
 use super::transform::Mount;
 use super::units::Unit;
@@ -318,6 +319,13 @@ fn hand_eye(
     Ok(Some(if inverted { given.inverse() } else { given }))
 }
 
+/// What a view can be.
+const A_VIEW: &str = "A view is {\"depth\" or \"cloud\", \"base_from_flange\" or, of a camera on a stand, \"base_from_camera\"} or \
+                      {\"cloud\", \"frame\": \"base\", \"camera_m\"}";
+/// The same in memory.
+const A_HELD_VIEW: &str =
+    "Give each view its pose: base_from_camera, or base_from_flange with a hand-eye transform";
+
 /// What every view needs to be read.
 struct Job<'a> {
     path: &'a Path,
@@ -345,8 +353,7 @@ impl Job<'_> {
     }
 
     fn bad<T>(&self, i: usize, field: &str, problem: impl Into<String>) -> Result<T, Error> {
-        let help = "A view is {\"depth\" or \"cloud\", \"base_from_flange\" or, of a camera on a stand, \"base_from_camera\"} or \
-                    {\"cloud\", \"frame\": \"base\", \"camera_m\"}";
+        let help = if self.manifest.held.is_empty() { A_VIEW } else { A_HELD_VIEW };
         Err(Error::malformed(self.path, format!("views[{i}].{field}"), problem, help))
     }
 
@@ -541,9 +548,19 @@ fn check_direction(
 /// The same of poses that are the camera's own: Open3D's `extrinsic`, for one, is the inverse of a pose.
 fn check_fixed(manifest: &Manifest, scan: &mut Scan, path: &Path) -> Result<(), Error> {
     let poses: Vec<Isometry3<f64>> = scan.views.iter().map(|view| view.base_from_camera).collect();
-    let Some(found) = direction::better(&scan.views, &poses, &Isometry3::identity()) else { return Ok(()) };
     let keys = ["base_from_camera", "camera_from_base"];
     let is_inverse = manifest.views.iter().all(|entry| entry.camera_from_base.is_some());
+    let Some(found) = direction::better(&scan.views, &poses, &Isometry3::identity()) else {
+        // A view that sees nothing is left out, and which pose belongs to which is not known then.
+        if scan.views.len() != manifest.views.len() {
+            return Ok(());
+        }
+        let key = keys[usize::from(is_inverse)];
+        let told = misreading::told(&scan.views, &poses, |_| {
+            readings::readings_of_cameras(manifest, key, &scan.views)
+        });
+        return tell_reading(told, scan, path);
+    };
     let wrong = if is_inverse { [keys[1], keys[0]] } else { keys };
     tell_direction(&found, &[wrong], scan, path)
 }
@@ -584,8 +601,15 @@ fn check_reading(
         return Ok(());
     }
     let given: Vec<Isometry3<f64>> = scan.views.iter().map(|view| view.base_from_camera).collect();
-    let readings = |trial: &Trial| readings(manifest, unit, hand_eye, &scan.views, trial);
-    match misreading::told(&scan.views, &given, readings) {
+    let told = misreading::told(&scan.views, &given, |trial| {
+        readings::readings(manifest, unit, hand_eye, &scan.views, trial)
+    });
+    tell_reading(told, scan, path)
+}
+
+/// Refuses what was meant otherwise.
+fn tell_reading(told: Told, scan: &mut Scan, path: &Path) -> Result<(), Error> {
+    match told {
         Told::Agree => Ok(()),
         Told::One { problem, help } => Err(Error::malformed(path, "views", problem, help)),
         Told::Several { problem } => {
@@ -601,155 +625,6 @@ fn check_reading(
             Ok(())
         }
     }
-}
-
-/// Other ways to read the poses, the hand-eye transform and the depths of these views.
-fn readings(
-    manifest: &Manifest,
-    unit: Unit,
-    hand_eye: Isometry3<f64>,
-    views: &[View],
-    trial: &Trial,
-) -> Vec<Reading> {
-    let given: Vec<Isometry3<f64>> = views.iter().map(|view| view.base_from_camera).collect();
-    let names: Vec<String> = views.iter().map(|view| view.name.clone()).collect();
-    let mut all = misreading::orders(&names, &given);
-    let eye = if manifest.flange_from_camera.is_some() { "flange_from_camera" } else { "camera_from_flange" };
-    // As the flange is, and with another hand-eye transform.
-    let flange: Vec<Isometry3<f64>> = given.iter().map(|camera| camera * hand_eye.inverse()).collect();
-    let with_eye = |eye: Isometry3<f64>| flange.iter().map(|pose| pose * eye).collect::<Vec<_>>();
-    let at_mm = hand_eye.translation.vector.norm();
-    if at_mm > 0.0 && at_mm < LEAST_MOUNT_MM {
-        let in_metres =
-            Isometry3::from_parts((hand_eye.translation.vector * 1000.0).into(), hand_eye.rotation);
-        let write = format!("Multiply the translation of {eye} by 1000: it is in `units`, as the poses are");
-        all.push(Reading::new(format!("the translation of {eye} is in metres"), write, with_eye(in_metres)));
-    }
-    let turned = Isometry3::from_parts(hand_eye.translation, hand_eye.rotation.inverse());
-    let write = format!("Write the matrix of {eye} row by row");
-    all.push(Reading::new(format!("the rotation of {eye} is transposed"), write, with_eye(turned)));
-    let half = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), std::f64::consts::PI);
-    let write =
-        "Save the images as the camera sees them, or turn its intrinsics and hand-eye transform with them";
-    all.push(Reading::new("the images are turned by 180 degrees", write, with_eye(hand_eye * half)));
-    if let Some(camera) = &manifest.camera {
-        for scale in [0.1, 10.0] {
-            let depth_scale_m = camera.depth_scale_m * scale;
-            let says = format!("each step of the images is {depth_scale_m} m");
-            let write = format!("Write \"depth_scale_m\": {depth_scale_m} in `camera`");
-            all.push(Reading { scale: scale as f32, ..Reading::new(says, write, given.clone()) });
-        }
-    }
-    all.extend(readings_of_poses(manifest, unit, hand_eye, &flange, trial));
-    all
-}
-
-/// Nearer to the flange no camera is, mm.
-const LEAST_MOUNT_MM: f64 = 5.0;
-
-fn readings_of_poses(
-    manifest: &Manifest,
-    unit: Unit,
-    hand_eye: Isometry3<f64>,
-    flange: &[Isometry3<f64>],
-    trial: &Trial,
-) -> Vec<Reading> {
-    let mut all = Vec::new();
-    let posed = |key: fn(&Entry) -> &Option<Value>| -> Option<Vec<&Value>> {
-        manifest.views.iter().map(|entry| key(entry).as_ref()).collect()
-    };
-    let (key, values) = if let Some(values) = posed(|entry| &entry.base_from_flange) {
-        ("base_from_flange", values)
-    } else if let Some(values) = posed(|entry| &entry.base_from_tcp) {
-        ("base_from_tcp", values)
-    } else if let Some(values) = posed(|entry| &entry.flange_from_base) {
-        ("flange_from_base", values)
-    } else {
-        return all;
-    };
-    let of_unit = unit.mm();
-    if key == "base_from_flange" {
-        let cameras = |mm: f64| -> Vec<Isometry3<f64>> {
-            flange.iter().map(|pose| pose * misreading::along_z(-mm) * hand_eye).collect()
-        };
-        let length_mm = misreading::tool(trial, &cameras);
-        let says = format!(
-            "the poses are those of a tool's tip, about {length_mm:.0} mm out along z if it stands straight out, not of the \
-             flange"
-        );
-        let write = format!(
-            "Rename `base_from_flange` to `base_from_tcp`, and write the TCP that is set, \"flange_from_tcp\": [0, 0, {}, 0, 0, 0] \
-             or near it for a tool that stands straight out; else all six numbers of the controller, for the views tell neither \
-             how far it is aside nor how it is tilted",
-            length_mm / of_unit
-        );
-        all.push(Reading::new(says, write, cameras(length_mm)));
-    }
-    all.extend(readings_of_values(manifest, unit, hand_eye, key, &values));
-    all
-}
-
-/// What the numbers of the poses may mean instead.
-fn readings_of_values(
-    manifest: &Manifest,
-    unit: Unit,
-    hand_eye: Isometry3<f64>,
-    key: &str,
-    values: &[&Value],
-) -> Vec<Reading> {
-    let mut all = Vec::new();
-    let tcp = manifest.flange_from_tcp.as_ref().and_then(|tcp| transform::parse(tcp, unit).ok());
-    let camera = |pose: Isometry3<f64>| match key {
-        "flange_from_base" => pose.inverse() * hand_eye,
-        "base_from_tcp" => pose * tcp.unwrap_or_default().inverse() * hand_eye,
-        _ => pose * hand_eye,
-    };
-    let mut push = |says: &str, write: String, poses: Option<Vec<Isometry3<f64>>>| {
-        let cameras = poses.map(|poses| poses.into_iter().map(camera).collect());
-        all.extend(cameras.map(|cameras| Reading::new(says, write, cameras)));
-    };
-    let pose =
-        |[x, y, z]: [f64; 3], turn| Isometry3::from_parts((Vector3::new(x, y, z) * unit.mm()).into(), turn);
-    if let Some(all_six) = values.iter().map(|value| six_numbers(value)).collect::<Option<Vec<_>>>() {
-        for k in 0..misreading::angles([0.0; 3]).len() {
-            let read = |[x, y, z, a, b, c]: [f64; 6]| pose([x, y, z], misreading::angles([a, b, c])[k].1);
-            let poses: Vec<_> = all_six.iter().copied().map(read).collect();
-            let (at, turn) = (all_six[0], poses[0].rotation.scaled_axis());
-            let write = format!(
-                "Write rotation vectors in rad: views[0] then has \"{key}\": [{}, {}, {}, {:.6}, {:.6}, {:.6}]",
-                at[0], at[1], at[2], turn.x, turn.y, turn.z
-            );
-            push(misreading::angles([0.0; 3])[k].0, write, Some(poses));
-        }
-    }
-    for [is, other] in [["quaternion_xyzw", "quaternion_wxyz"], ["quaternion_wxyz", "quaternion_xyzw"]] {
-        let renamed = |value: &&Value| {
-            let mut named = value.as_object()?.clone();
-            let quaternion = named.remove(is)?;
-            named.insert(other.into(), quaternion);
-            transform::parse(&Value::Object(named), unit).ok()
-        };
-        let says = format!("w is {} in the quaternions", if is.ends_with("xyzw") { "first" } else { "last" });
-        push(&says, format!("Rename {is} to {other}"), values.iter().map(renamed).collect());
-    }
-    let transposed = |value: &&Value| {
-        value.as_array().filter(|rows| matches!(rows.len(), 4 | 16))?;
-        let read = transform::parse(value, unit).ok()?;
-        Some(Isometry3::from_parts(read.translation, read.rotation.inverse()))
-    };
-    let says = format!("the rotations of {key} are transposed");
-    push(&says, "Write the matrices row by row".into(), values.iter().map(transposed).collect());
-    all
-}
-
-/// A place and three angles, however they are written.
-fn six_numbers(value: &Value) -> Option<[f64; 6]> {
-    if let Ok(six) = serde_json::from_value(value.clone()) {
-        return Some(six);
-    }
-    let three = |key: &str| serde_json::from_value::<[f64; 3]>(value.get(key)?.clone()).ok();
-    let ([x, y, z], [a, b, c]) = (three("xyz")?, three("rotation_vector_rad")?);
-    Some([x, y, z, a, b, c])
 }
 
 /// Warns of poses and depths that are possible, but probably in a wrong unit.
@@ -774,12 +649,14 @@ fn doubts(manifest: &Manifest, views: &[View]) -> Vec<Doubt> {
     if let Some(place) = doubtful {
         doubt(DoubtKind::Angles, format!("{place} turns by more than a whole turn: is it in degrees?"));
     }
-    let posed = manifest
-        .views
-        .iter()
-        .any(|entry| entry.base_from_flange.is_some() || entry.flange_from_base.is_some());
-    if posed && views.iter().all(|view| view.base_from_camera.translation.vector.norm() < 10.0) {
-        let words = "all cameras are within 10 mm of the base's origin: check `units` in scan.json";
+    let at_mm = |view: &View| view.base_from_camera.translation.vector;
+    let near = views.iter().all(|view| at_mm(view).norm() < 10.0);
+    // A camera whose frame is taken for the base's stands in its origin.
+    let of_flange = manifest.views.iter().any(|entry| !entry.poses().is_empty() && !entry.is_fixed());
+    let moves = manifest.views.iter().all(Entry::is_fixed)
+        && views.windows(2).any(|two| at_mm(&two[0]) != at_mm(&two[1]));
+    if near && (of_flange || moves) {
+        let words = "all cameras are within 10 mm of the base's origin: check `units`";
         doubt(DoubtKind::Units, words.into());
     }
     let median_mm = |view: &View| {
