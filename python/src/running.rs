@@ -18,6 +18,9 @@ use crate::errors::{InternalError, WeldpathError, python};
 /// How often it is asked whether somebody has pressed Ctrl-C.
 const ASKED_EVERY: Duration = Duration::from_millis(50);
 
+/// Threads for each that the machine has, at most: more of them only wait for each other.
+const MOST_A_CORE: usize = 2;
+
 enum Event<T> {
     Stage(&'static str),
     Done(Result<T, Box<dyn Any + Send>>),
@@ -46,8 +49,9 @@ pub(crate) fn run<T: Send>(
     progress: Option<Bound<'_, PyAny>>,
     work: impl FnOnce(Watch<T>) -> T + Send,
 ) -> PyResult<T> {
-    let count = threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
-    let pool = ThreadPoolBuilder::new().num_threads(count.max(1)).build().map_err(python::<WeldpathError>)?;
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let count = threads.unwrap_or(cores).clamp(1, MOST_A_CORE * cores);
+    let pool = ThreadPoolBuilder::new().num_threads(count).build().map_err(python::<WeldpathError>)?;
     let progress = progress.map(Bound::unbind);
     let (events, told) = channel();
     let is_done = Arc::new(AtomicBool::new(false));

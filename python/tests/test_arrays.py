@@ -195,8 +195,11 @@ def test_the_papers_quantities_are_those_of_its_equations() -> None:
     for bad in (np.nan, 0.0, -1.0):
         with pytest.raises(weldpath.InputError, match="radius_mm"):
             weldpath.edge_scores(cloud, bad)
-    with pytest.raises(weldpath.InputError, match="not finite"):
-        weldpath.normals(np.full((3, 3), np.nan), 3.0)
+    for far in (np.nan, 1e300):
+        with pytest.raises(weldpath.InputError, match="not finite"):
+            weldpath.normals(np.full((3, 3), far), 3.0)
+    with pytest.raises(weldpath.InputError, match="no Scan"):
+        weldpath.register(cloud)  # type: ignore[arg-type]
 
 
 class Like:

@@ -166,6 +166,17 @@ def test_ctrl_c_ends_a_plan_within_half_a_second() -> None:
     assert stages[0] == "normals"
 
 
+def test_a_scan_is_planned_as_it_was_read() -> None:
+    scan = weldpath.read(FIXTURES / "lap")
+    run = weldpath.plan(scan, job={"path": {"standoff_mm": 5}})
+    of_file = weldpath.plan(FIXTURES / "lap", job={"path": {"standoff_mm": 5}})
+    assert np.array_equal(run.paths[0].position_mm, of_file.paths[0].position_mm)
+    with pytest.raises(weldpath.InputError, match="units: the scan is read"):
+        weldpath.plan(scan, units="mm")
+    with pytest.raises(ValueError, match="read-only"):
+        run.seams[0].position_mm[0] = 0.0
+
+
 def test_what_progress_raises_is_raised() -> None:
     def progress(stage: str) -> None:
         raise LookupError(stage)
@@ -227,3 +238,30 @@ def test_a_simulated_scan_is_planned_and_held_against_its_truth(tmp_path: Path) 
     assert 0.0 < score["rmse_p"] < 0.5 and score["coverage"] > 0.9
     with pytest.raises(weldpath.WeldpathError, match="filet"):
         weldpath.simulate("filet", tmp_path / "other")
+
+
+@pytest.mark.parametrize(
+    ("named", "part"),
+    [
+        ({"job": 5}, "a int is neither"),
+        ({"job": {"path": {"standoff_mm": float("nan")}}}, r"job.path.standoff_mm: nan"),
+        ({"job": {"path": 5}}, "job: .*expected a table"),
+        ({"job": {"path": {"feed_mm_s": [1]}}}, "expected a number"),
+        ({"job": {"input": "other"}}, "first argument"),
+        ({"accept": ["nothing"]}, "nothing"),
+        ({"accept": 3}, "accept: 3"),
+        ({"robot": "bla"}, "bla"),
+        ({"threads": -1}, "threads: -1"),
+        ({"threads": "2"}, "threads: '2'"),
+    ],
+)
+def test_a_setting_that_cannot_be_is_named_as_it_was_given(named: dict[str, Any], part: str) -> None:
+    with pytest.raises(weldpath.JobError, match=part):
+        weldpath.plan(FIXTURES / "lap", **named)
+
+
+def test_names_may_stand_alone() -> None:
+    run = weldpath.plan(FIXTURES / "lap", accept="tool-not-stated", robot="abb", threads=10**6)
+    assert "tool-not-stated" in [one.id for one in run.verdict.reasons if one.accepted]
+    with pytest.raises(weldpath.JobError, match="bla"):
+        run.programs("bla", confirm=[])

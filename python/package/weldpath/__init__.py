@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 
-from . import samples
+from . import _weldpath, samples
 from ._input import JobLike, Scan, Source, Units, View, scan_of
 from ._run import Model, Program, Reason, RegisteredView, Run, Seam, Seams, TorchPath, Verdict
 from ._stages import (
@@ -119,7 +119,7 @@ def plan(
     frame: str | None = None,
     camera_mm: Sequence[float] | None = None,
     job: JobLike = None,
-    accept: Iterable[str] = (),
+    accept: Iterable[str] | None = (),
     robot: Sequence[str] | None = None,
     allow_outside: bool = False,
     threads: int | None = None,
@@ -129,7 +129,7 @@ def plan(
 
     source
         A path (what `weldpath plan` reads); an array of points, N x 3, or H x W x 3 of an organised cloud, of any type, order and
-        stride, those that are not finite dropped; a `View` or a list of them; an Open3D cloud or mesh.
+        stride, those that are not finite dropped; a `View` or a list of them; a `Scan` that `read` made; an Open3D cloud or mesh.
     units
         "m" or "mm": unit of an array's points, and of the positions in poses. "auto" takes what the file says, guesses by the size
         of one cloud, and takes views as metres; each guess is a warning.
@@ -149,7 +149,7 @@ def plan(
     robot
         For which controllers programs are written: "ur", "abb", "kuka", "fanuc", "ros".
     threads
-        As many as the machine has, if not said.
+        As many as the machine has, if not said; at most twice as many.
     progress
         Called with the name of each stage as it begins. What it raises ends the plan, as Ctrl-C does.
 
@@ -166,10 +166,8 @@ def plan(
         frame=frame,
         camera_mm=camera_mm,
         accept=accept,
-        robot=[robot] if isinstance(robot, str) else robot,
+        robot=robot,
         allow_outside=allow_outside,
         threads=threads,
     )
-    from . import _weldpath
-
     return Run(_weldpath.plan(scan, settled, threads, progress), threads)

@@ -16,13 +16,13 @@ _EMPTY_DISTANCE = 1e-12
 
 
 def rows(data: bytes, columns: int = 3) -> Floats:
-    """Rows of float64; writable, as a user expects of an array."""
-    return np.frombuffer(data, dtype="<f8").reshape(-1, columns).copy()
+    """Rows of float64, read-only."""
+    return np.frombuffer(data, dtype="<f8").reshape(-1, columns)
 
 
 def single_rows(data: bytes, columns: int = 3) -> Singles:
-    """Rows of float32."""
-    return np.frombuffer(data, dtype="<f4").reshape(-1, columns).copy()
+    """Rows of float32, read-only."""
+    return np.frombuffer(data, dtype="<f4").reshape(-1, columns)
 
 
 class Short:

@@ -103,8 +103,33 @@ class View(_arrays.Short):
         return _weldpath.RawView.of_depth(data, width, height, _intrinsics(lens), scale)
 
 
-Source = Union[PathLike, npt.NDArray[Any], View, Sequence[View], Any]
-"""A path, an array of points, views, or an Open3D cloud or mesh."""
+@dataclass(frozen=True, eq=False)
+class Scan:
+    """What was read, cleaned and understood."""
+
+    _scan: _weldpath.Scan
+
+    @property
+    def views(self) -> list[tuple[str, Singles, Floats]]:
+        """Per view: its name, points (N x 3, mm, the view's own frame), and `base_from_camera` (4 x 4, mm)."""
+        return [
+            (name, _arrays.single_rows(points), _arrays.rows(pose, 4))
+            for name, points, pose, _ in self._scan.views()
+        ]
+
+    @property
+    def notes(self) -> list[str]:
+        """How it was understood: units, frame, what was dropped."""
+        return [words(note) for note in self._scan.notes()[0]]
+
+    @property
+    def warnings(self) -> list[str]:
+        """What may be wrong with it."""
+        return [words(note) for note in self._scan.notes()[1]]
+
+
+Source = Union[PathLike, npt.NDArray[Any], View, Sequence[View], Scan, Any]
+"""A path, an array of points, views, a scan that was read, or an Open3D cloud or mesh."""
 
 
 def _intrinsics(value: object) -> list[float]:
@@ -142,31 +167,6 @@ def _of_open3d(source: Any) -> tuple[Any, Any, Any] | None:
     return None
 
 
-@dataclass(frozen=True, eq=False)
-class Scan:
-    """What was read, cleaned and understood."""
-
-    _scan: _weldpath.Scan
-
-    @property
-    def views(self) -> list[tuple[str, Singles, Floats]]:
-        """Per view: its name, points (N x 3, mm, the view's own frame), and `base_from_camera` (4 x 4, mm)."""
-        return [
-            (name, _arrays.single_rows(points), _arrays.rows(pose, 4))
-            for name, points, pose, _ in self._scan.views()
-        ]
-
-    @property
-    def notes(self) -> list[str]:
-        """How it was understood: units, frame, what was dropped."""
-        return [words(note) for note in self._scan.notes()[0]]
-
-    @property
-    def warnings(self) -> list[str]:
-        """What may be wrong with it."""
-        return [words(note) for note in self._scan.notes()[1]]
-
-
 def words(text: str) -> str:
     """Options of the command as what they are called here."""
     text = re.sub(r"--(units|frame) (m|mm|camera|base)\b", r'\1="\2"', text)
@@ -185,20 +185,41 @@ def _plain(value: object) -> object:
     raise JobError(f"{value!r} is nothing that a job can hold")
 
 
-def _without_none(value: object) -> object:
+def _without_none(value: object, place: str = "job") -> object:
+    """Without what is None; each number is one."""
     if isinstance(value, Mapping):
-        return {str(key): _without_none(item) for key, item in value.items() if item is not None}
+        return {str(key): _without_none(item, f"{place}.{key}") for key, item in value.items() if item is not None}
     if isinstance(value, (list, tuple)):
-        return [_without_none(item) for item in value]
+        return [_without_none(item, place) for item in value]
+    if isinstance(value, (float, np.floating)) and not np.isfinite(value):
+        raise JobError(f"{place}: {value} is no number that a job can hold")
     return value
+
+
+def _names(value: object, what: str) -> list[str] | None:
+    """One name or several."""
+    names = [value] if isinstance(value, str) else value
+    if names is None:
+        return None
+    if not isinstance(names, Iterable):
+        raise JobError(f"{what}: {value!r} is neither a name nor a list of names")
+    return [str(name) for name in names]
 
 
 def job_of(job: JobLike, allow_outside: bool, overrides: Mapping[str, object]) -> _weldpath.Job:
     """The job from a file or a mapping, with what was given by name on top."""
     on_top = json.dumps(_without_none(overrides), default=_plain)
+    if isinstance(job, Mapping) and "input" in job:
+        raise JobError("job: `input` is what is planned, the first argument")
     if job is None or isinstance(job, Mapping):
         settings = json.dumps(_without_none(job or {}), default=_plain)
-        return _weldpath.Job(None, settings, on_top, allow_outside)
+        try:
+            return _weldpath.Job(None, settings, on_top, allow_outside)
+        except JobError as error:
+            # Of a mapping there are no lines.
+            raise JobError(re.sub(r"^job:\d+: ", "job: ", str(error))) from None
+    if not isinstance(job, (str, os.PathLike)):
+        raise JobError(f"job: a {type(job).__name__} is neither a path nor a mapping")
     return _weldpath.Job(os.fspath(job), None, on_top, allow_outside)
 
 
@@ -213,21 +234,38 @@ def scan_of(
     normals: object,
     frame: str | None,
     camera_mm: Sequence[float] | None,
-    accept: Iterable[str],
+    accept: Iterable[str] | None,
     robot: Sequence[str] | None,
     allow_outside: bool,
     threads: int | None,
 ) -> tuple[_weldpath.Scan, _weldpath.Job]:
     """Reads a source of any kind, as a job says."""
-    overrides: dict[str, object] = {"frame": frame, "camera_mm": camera_mm, "formats": robot}
+    if threads is not None and (not isinstance(threads, (int, np.integer)) or threads < 1):
+        raise JobError(f"threads: {threads!r} is not a whole number above 0")
+    overrides: dict[str, object] = {"frame": frame, "camera_mm": camera_mm, "formats": _names(robot, "robot")}
     if units != "auto":
         overrides["units"] = units
-    if accept := list(accept):
+    if named := _names(accept, "accept"):
         own = job.get("accept", []) if isinstance(job, Mapping) else []
-        overrides["accept"] = [*own, *accept]
+        overrides["accept"] = [*own, *named]
     poses = {"flange_from_camera": flange_from_camera, "flange_from_tcp": flange_from_tcp}
     try:
+        if isinstance(source, Scan):
+            read_before = {
+                "units": None if units == "auto" else units,
+                "base_from_camera": base_from_camera,
+                "normals": normals,
+                "frame": frame,
+                "camera_mm": camera_mm,
+                **poses,
+            }
+            given = [name for name, value in read_before.items() if value is not None]
+            if given:
+                raise InputError(f"{given[0]}: the scan is read already; give it to weldpath.read")
+            return source._scan, job_of(job, allow_outside, overrides)
         if isinstance(source, (str, os.PathLike)):
+            if not os.fspath(source):
+                raise InputError("the path is empty")
             given = [name for name, pose in {**poses, "base_from_camera": base_from_camera}.items() if pose is not None]
             if given:
                 raise InputError(f"{given[0]} is for arrays: a file's poses stand in scan.json")

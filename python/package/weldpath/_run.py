@@ -60,7 +60,8 @@ class Seam(_arrays.Short):
     confidence: float | None
     """Probability that it is a weld, within twice its stated error."""
     expected_error_mm: float | None
-    """One standard deviation of the position across the seam."""
+    """One standard deviation of the position across the seam: in the robot's base frame where the poses are the robot's, else
+    within the scan alone."""
     expected_error_deg: float | None
     """The same of the torch's orientation."""
     position_mm: Floats
@@ -244,7 +245,7 @@ class Run:
                     expected_error_deg=own["expected_error_deg"],
                     position_mm=_arrays.rows(position),
                     tangent=_arrays.rows(tangent),
-                    faces=np.stack([_arrays.rows(one_face), _arrays.rows(other_face)]),
+                    faces=_arrays.rows(one_face + other_face).reshape(2, -1, 3),
                     details=own,
                 )
             )
@@ -329,6 +330,8 @@ class Run:
         The programs of a run that has to be checked name its reasons in their heads; a refused one has none. Files that weldpath did
         not write stay, and `OutputError` says which, unless `overwrite` says otherwise.
         """
+        if not os.fspath(folder):
+            raise _weldpath.OutputError("the path of the folder is empty")
         self._for(robot).write(os.fspath(folder), overwrite)
         return FilePath(folder)
 

@@ -19,13 +19,16 @@ from ._input import PathLike, Scan
 from ._weldpath import InputError, WeldpathError
 
 
+_FARTHEST_MM = 1e9
+
+
 def _about(points_mm: object) -> tuple[bytes, Floats]:
     """Points relative to their middle in single precision, and the middle: all of them have to be finite."""
     array = _arrays.numbers(points_mm, "points_mm").astype(np.float64)
     if array.ndim != 2 or array.shape[1] != 3 or len(array) == 0:
         raise InputError(f"points_mm: the shape is {array.shape}; give N x 3")
-    if not np.isfinite(array).all():
-        raise InputError("points_mm: some are not finite; drop them first")
+    if not (np.abs(array) < _FARTHEST_MM).all():
+        raise InputError("points_mm: some are not finite, or farther off than 1000 km; drop them first")
     middle: Floats = np.round(np.median(array, axis=0))
     return np.ascontiguousarray(array - middle, dtype="<f4").tobytes(), middle
 
@@ -104,6 +107,8 @@ class Registration(_arrays.Short):
 
 def register(scan: Scan) -> Registration:
     """Eqs. (2)-(8): all views at once, point to plane, with the reported poses as priors."""
+    if not isinstance(scan, Scan):
+        raise InputError(f"a {type(scan).__name__} is no Scan: weldpath.read makes one")
     found = _weldpath.register(scan._scan)
     poses = np.stack([_arrays.rows(pose, 4) for pose, _ in found])
     return Registration(poses, np.array([np.nan if share is None else share for _, share in found]))

@@ -197,9 +197,31 @@ pub(super) fn of_key(text: &str, path: &Path, key: &str, why: &str, hint: &str) 
 pub(super) fn of_toml(text: &str, path: &Path, error: &toml::de::Error) -> Error {
     let start = error.span().map_or(0, |span| span.start);
     let line = 1 + text.bytes().take(start).filter(|&b| b == b'\n').count();
-    let why = error.message().to_owned();
-    let hint = hint(&why);
-    Error::Line { path: path.into(), line, why, hint }
+    let said = error.message();
+    Error::Line { path: path.into(), line, why: in_words(said), hint: hint(said) }
+}
+
+/// The parser's names of types in words.
+fn in_words(said: &str) -> String {
+    const WORDS: [(&str, &str); 8] = [
+        ("unknown variant", "unknown value"),
+        ("expected f64", "expected a number"),
+        ("expected u64", "expected a whole number of at least 0"),
+        ("expected usize", "expected a whole number of at least 0"),
+        ("expected a sequence", "expected a list"),
+        ("invalid type: map", "invalid type: table"),
+        ("invalid type: sequence", "invalid type: list"),
+        ("invalid mantissa", "a number needs a digit before its point, as in 0.05"),
+    ];
+    let named = WORDS.iter().fold(said.to_owned(), |text, (theirs, ours)| text.replace(theirs, ours));
+    // A type of ours is a table of the file.
+    match named.split_once("expected struct ") {
+        Some((before, rest)) => {
+            let after = rest.trim_start_matches(|c: char| c.is_alphanumeric() || c == '_');
+            format!("{before}expected a table{after}")
+        }
+        None => named,
+    }
 }
 
 fn hint(why: &str) -> String {
