@@ -15,6 +15,7 @@ use weldpath::output::json;
 use weldpath::pendant::teleop::recording;
 use weldpath::pipeline::{self, Config};
 use weldpath::run::job::Job;
+use weldpath::{CameraPose, Coordinates, PosedViews, RawCloud, RawView, Transform, Units};
 use weldpath_core::wire::frame::{self, Deframer, Received};
 use weldpath_core::wire::{FromHost, FromPendant};
 
@@ -22,7 +23,7 @@ use weldpath_core::wire::{FromHost, FromPendant};
 pub type Target = (&'static str, fn(&[u8]));
 
 /// All of them.
-pub const TARGETS: [Target; 15] = [
+pub const TARGETS: [Target; 16] = [
     ("ply", ply),
     ("pcd", pcd),
     ("text", text),
@@ -37,6 +38,7 @@ pub const TARGETS: [Target; 15] = [
     ("path_json", path_json),
     ("hands", hands),
     ("wire", wire),
+    ("arrays", arrays),
     ("plan", plan),
 ];
 
@@ -183,6 +185,52 @@ fn messages(payload: &[u8]) {
 
 /// Points that a plan takes at most: a few seconds.
 const MOST_POINTS: usize = 4000;
+
+/// Arrays as a library user hands them over, in single precision: after a byte that says what they are, a pose of six numbers,
+/// then points or depths. What is read is planned.
+pub fn arrays(bytes: &[u8]) {
+    let Some((kind, bytes)) = bytes.split_first() else { return };
+    let numbers: Vec<f32> = bytes.as_chunks().0.iter().map(|four| f32::from_le_bytes(*four)).collect();
+    let Some((pose, rest)) = numbers.split_first_chunk::<6>() else { return };
+    let rest = &rest[..rest.len().min(3 * MOST_POINTS)];
+    let points = rest.as_chunks::<3>().0;
+    let cloud = || RawCloud::new(Coordinates::Single(points.to_vec()));
+    let posed =
+        |view: RawView| view.posed(CameraPose::BaseFromCamera(Transform::Vector(pose.map(f64::from))));
+    let units = [Units::Auto, Units::Metres, Units::Millimetres][usize::from(kind >> 2) % 3];
+    let options = Options { units, ..Options::default() };
+    let read = match kind & 3 {
+        0 => cloud().read("cloud", &options),
+        1 => {
+            // Of neighbours, and one corner that is not there now and then.
+            let triangles =
+                (0..points.len()).map(|k| [k, k + 1, k + 2]).take(points.len().saturating_sub(2)).collect();
+            cloud().with_triangles(triangles).and_then(|mesh| mesh.read("mesh", &options))
+        }
+        2 => {
+            let views = vec![posed(RawView::of_cloud(cloud())); 2];
+            PosedViews { views, ..PosedViews::default() }.read(&options)
+        }
+        _ => {
+            const WIDTH: usize = 16;
+            let depths = &rest[..rest.len() / WIDTH * WIDTH];
+            let Ok(intrinsics) = "16,16,8,6".parse() else { return };
+            let size_px = [WIDTH as u32, (depths.len() / WIDTH) as u32];
+            let view = RawView::of_depth_m(depths, size_px, &intrinsics).map(posed);
+            view.and_then(|view| PosedViews { views: vec![view], ..PosedViews::default() }.read(&options))
+        }
+    };
+    match read {
+        Err(error) => assert!(error.to_string().contains(". "), "no way out: {error}"),
+        Ok(scan) => {
+            if let Ok(run) = weldpath::plan(&scan, &Job::default(), &mut ()) {
+                assert!(run.seams().iter().all(|seam| seam.length_mm().is_finite()));
+                let points = run.paths().into_iter().flatten().flat_map(|path| &path.points);
+                assert!(points.flat_map(|point| point.position_mm.iter()).all(|c| c.is_finite()));
+            }
+        }
+    }
+}
 
 /// The whole pipeline on a cloud of three bytes a point: coordinates of 0 to 255 tenths of a millimetre or millimetres.
 pub fn plan(bytes: &[u8]) {

@@ -76,6 +76,14 @@ fn corner() -> Vec<u8> {
     [vec![5], points.flatten().collect()].concat()
 }
 
+/// A kind of array, a pose, and the points of that corner or depths about as far.
+fn arrays(kind: u8) -> Vec<u8> {
+    let pose = [0.1f32, 0.2, 0.3, 0.4, 0.5, 0.6];
+    let points: Vec<f32> = corner()[1..].iter().map(|c| 0.5 + f32::from(*c) / 1000.0).collect();
+    let numbers = pose.iter().chain(&points).flat_map(|number| number.to_le_bytes());
+    std::iter::once(kind).chain(numbers).collect()
+}
+
 /// A `scan.json` whose hand-eye transform is in a file.
 pub const BY_FILE: &str = r#"{"units": "m", "flange_from_camera": "eye.yml",
 "views": [{"cloud": "little.ply", "base_from_flange": [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]}]}"#;
@@ -137,6 +145,7 @@ pub fn of(target: &str) -> Vec<Vec<u8>> {
         "job" => vec![JOB.into(), b"".to_vec()],
         "path_json" => vec![PATH_JSON.into()],
         "hands" => vec![HANDS.into()],
+        "arrays" => (0..4).map(arrays).collect(),
         "plan" => vec![corner()],
         // The shortest of messages: a number of its kind, and fields of one byte.
         _ => (0..12).map(|kind| vec![kind, 1, 0, 0, 0, 0, 0, 0]).collect(),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import multiprocessing
+import signal
 import subprocess
 import sys
 import threading
@@ -141,6 +142,8 @@ def test_a_folder_keeps_what_others_wrote(tmp_path: Path) -> None:
 
 
 def test_ctrl_c_ends_a_plan_within_half_a_second() -> None:
+    # A shell that starts the tests in the background has them ignore it.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
     arrays, shared = views(FIXTURES / "pipe")
     # Four times the points: long enough to be interrupted.
     big = [weldpath.View(**{**vars(view), "depth": np.kron(view.depth, np.ones((2, 2), np.uint16)),
@@ -160,8 +163,11 @@ def test_ctrl_c_ends_a_plan_within_half_a_second() -> None:
         if stage == "reconstruction":
             threading.Timer(0.1, press).start()
 
-    with pytest.raises(KeyboardInterrupt):
-        weldpath.plan(big, progress=progress, **shared)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            weldpath.plan(big, progress=progress, **shared)
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert time.monotonic() - pressed[0] < 0.5
     assert stages[0] == "normals"
 

@@ -473,7 +473,8 @@ impl Job<'_> {
     /// scan.json.
     fn fixed_camera(&self, i: usize, key: &str, value: &Value) -> Result<Isometry3<f64>, Error> {
         let place = format!("views[{i}].{key}");
-        let given = match value.as_str() {
+        // A calibration's file says where the camera stands, never the inverse.
+        let given = match value.as_str().filter(|_| key == "base_from_camera") {
             Some(name) => transform::of_file(&transform::file_beside(self.path, name), Mount::Stand)?,
             None => transform::parse(value, self.unit)
                 .map_err(|(problem, help)| Error::malformed(self.path, place, problem, help))?,
@@ -793,6 +794,10 @@ mod tests {
             (posed(IDENTITY, "[400,0,300,0,0,0]"), "views[0].base_from_flange"),
             (posed(IDENTITY, "[0,0,1,0,0]"), "views[0].base_from_flange"),
             (posed("\"eye.yaml\"", pose), "eye.yaml"),
+            (
+                posed(IDENTITY, "\"../eye.yaml\"").replace("base_from_flange", "camera_from_base"),
+                "camera_from_base: not a form",
+            ),
             (posed(IDENTITY, "[0,0,1e999,0,0,0]"), "line 1"),
             (posed(IDENTITY, pose).replace("flange_from_camera", "camera"), "line 1"),
             (r#"{"units": "m", "views": [{"cloud": "a.xyz"}]}"#.into(), "views[0].base_from_flange"),
