@@ -65,14 +65,17 @@ impl PyJob {
     }
 }
 
-/// Tables are joined, all else is replaced.
+/// Tables are joined, and what is accepted is added; all else is replaced.
 fn lay_over(below: &mut toml::Value, above: toml::Value) {
     match (below, above) {
         (toml::Value::Table(below), toml::Value::Table(above)) => {
             for (key, value) in above {
-                match below.get_mut(&key) {
-                    Some(own) => lay_over(own, value),
-                    None => drop(below.insert(key, value)),
+                match (below.get_mut(&key), value) {
+                    (Some(toml::Value::Array(own)), toml::Value::Array(more)) if key == "accept" => {
+                        own.extend(more)
+                    }
+                    (Some(own), value) => lay_over(own, value),
+                    (None, value) => drop(below.insert(key, value)),
                 }
             }
         }

@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 
 from . import _weldpath, samples
-from ._input import JobLike, Scan, Source, Units, View, scan_of
+from ._input import Given, JobLike, Scan, Source, Units, View, names, scan_of
 from ._run import Model, Program, Reason, RegisteredView, Run, Seam, Seams, TorchPath, Verdict
 from ._stages import (
     EdgeScores,
@@ -90,21 +90,10 @@ def read(
     threads: int | None = None,
 ) -> Scan:
     """Reads a scan without planning it: see `plan`, whose arguments these are."""
-    scan, _ = scan_of(
-        source,
-        job,
-        units=units,
-        base_from_camera=base_from_camera,
-        flange_from_camera=flange_from_camera,
-        flange_from_tcp=flange_from_tcp,
-        normals=normals,
-        frame=frame,
-        camera_mm=camera_mm,
-        accept=(),
-        robot=None,
-        allow_outside=allow_outside,
-        threads=threads,
+    given = Given(
+        units, base_from_camera, flange_from_camera, flange_from_tcp, normals, frame, camera_mm, allow_outside, threads
     )
+    scan, _ = scan_of(source, job, given, {})
     return Scan(scan)
 
 
@@ -155,19 +144,9 @@ def plan(
 
     Raises `InputError`, `JobError` or `NoSeam`. A refused plan is returned: it has seams and a report to look at, and no path.
     """
-    scan, settled = scan_of(
-        source,
-        job,
-        units=units,
-        base_from_camera=base_from_camera,
-        flange_from_camera=flange_from_camera,
-        flange_from_tcp=flange_from_tcp,
-        normals=normals,
-        frame=frame,
-        camera_mm=camera_mm,
-        accept=accept,
-        robot=robot,
-        allow_outside=allow_outside,
-        threads=threads,
+    given = Given(
+        units, base_from_camera, flange_from_camera, flange_from_tcp, normals, frame, camera_mm, allow_outside, threads
     )
+    overrides = {"accept": names(accept, "accept") or None, "formats": names(robot, "robot")}
+    scan, settled = scan_of(source, job, given, overrides)
     return Run(_weldpath.plan(scan, settled, threads, progress), threads)

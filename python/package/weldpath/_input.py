@@ -196,14 +196,14 @@ def _without_none(value: object, place: str = "job") -> object:
     return value
 
 
-def _names(value: object, what: str) -> list[str] | None:
+def names(value: object, what: str) -> list[str] | None:
     """One name or several."""
-    names = [value] if isinstance(value, str) else value
-    if names is None:
+    several = [value] if isinstance(value, str) else value
+    if several is None:
         return None
-    if not isinstance(names, Iterable):
+    if not isinstance(several, Iterable):
         raise JobError(f"{what}: {value!r} is neither a name nor a list of names")
-    return [str(name) for name in names]
+    return [str(name) for name in several]
 
 
 def job_of(job: JobLike, allow_outside: bool, overrides: Mapping[str, object]) -> _weldpath.Job:
@@ -223,101 +223,102 @@ def job_of(job: JobLike, allow_outside: bool, overrides: Mapping[str, object]) -
     return _weldpath.Job(os.fspath(job), None, on_top, allow_outside)
 
 
+@dataclass(frozen=True, eq=False)
+class Given:
+    """How a source is read, as `plan` and `read` were told; None where they were not."""
+
+    units: Units
+    base_from_camera: object
+    flange_from_camera: object
+    flange_from_tcp: object
+    normals: object
+    frame: str | None
+    camera_mm: Sequence[float] | None
+    allow_outside: bool
+    threads: int | None
+
+    def refuse(self, names: Iterable[str], why: str) -> None:
+        """What was told and means nothing here."""
+        for name in names:
+            if getattr(self, name) is not None:
+                raise InputError(f"{name}: {why}")
+
+    def job(self, job: JobLike, overrides: Mapping[str, object], **more: object) -> _weldpath.Job:
+        units = None if self.units == "auto" else self.units
+        told = {"units": units, "frame": self.frame, "camera_mm": self.camera_mm}
+        return job_of(job, self.allow_outside, {**told, **overrides, **more})
+
+
+_POSES_OF_ALL = ("base_from_camera", "flange_from_camera", "flange_from_tcp")
+
+
 def scan_of(
-    source: Source,
-    job: JobLike,
-    *,
-    units: Units,
-    base_from_camera: object,
-    flange_from_camera: object,
-    flange_from_tcp: object,
-    normals: object,
-    frame: str | None,
-    camera_mm: Sequence[float] | None,
-    accept: Iterable[str] | None,
-    robot: Sequence[str] | None,
-    allow_outside: bool,
-    threads: int | None,
+    source: Source, job: JobLike, given: Given, overrides: Mapping[str, object]
 ) -> tuple[_weldpath.Scan, _weldpath.Job]:
     """Reads a source of any kind, as a job says."""
+    threads = given.threads
     if threads is not None and (not isinstance(threads, (int, np.integer)) or threads < 1):
         raise JobError(f"threads: {threads!r} is not a whole number above 0")
-    overrides: dict[str, object] = {"frame": frame, "camera_mm": camera_mm, "formats": _names(robot, "robot")}
-    if units != "auto":
-        overrides["units"] = units
-    if named := _names(accept, "accept"):
-        own = job.get("accept", []) if isinstance(job, Mapping) else []
-        overrides["accept"] = [*own, *named]
-    poses = {"flange_from_camera": flange_from_camera, "flange_from_tcp": flange_from_tcp}
     try:
         if isinstance(source, Scan):
-            read_before = {
-                "units": None if units == "auto" else units,
-                "base_from_camera": base_from_camera,
-                "normals": normals,
-                "frame": frame,
-                "camera_mm": camera_mm,
-                **poses,
-            }
-            given = [name for name, value in read_before.items() if value is not None]
-            if given:
-                raise InputError(f"{given[0]}: the scan is read already; give it to weldpath.read")
-            return source._scan, job_of(job, allow_outside, overrides)
+            told = [*_POSES_OF_ALL, "normals", "frame", "camera_mm", *(["units"] if given.units != "auto" else [])]
+            given.refuse(told, "the scan is read already; give it to weldpath.read")
+            return source._scan, given.job(job, overrides)
         if isinstance(source, (str, os.PathLike)):
             if not os.fspath(source):
                 raise InputError("the path is empty")
-            given = [name for name, pose in {**poses, "base_from_camera": base_from_camera}.items() if pose is not None]
-            if given:
-                raise InputError(f"{given[0]} is for arrays: a file's poses stand in scan.json")
-            of_file = job_of(job, allow_outside, {**overrides, "input": os.path.abspath(source)})
-            return _weldpath.read(of_file, threads), of_file
-        if base_from_camera is not None:
-            if frame == "base" or camera_mm is not None:
-                other = "camera_mm" if camera_mm is not None else 'frame="base"'
-                raise InputError(f"base_from_camera takes the points of a camera to the base's frame, and {other} says that they are there")
-            # What it says is that they are the camera's.
-            del overrides["frame"]
-        of_arrays = job_of(job, allow_outside, overrides)
+            given.refuse([*_POSES_OF_ALL, "normals"], "it is for arrays; a file says it itself")
+            settled = given.job(job, overrides, input=os.path.abspath(source))
+            return _weldpath.read(settled, threads), settled
         if isinstance(source, View):
             source = [source]
         if isinstance(source, (list, tuple)) and source and all(isinstance(view, View) for view in source):
-            for name, value in (("base_from_camera", base_from_camera), ("normals", normals)):
-                if value is not None:
-                    raise InputError(f"{name}: give it to each View")
-            raw = [view._raw() for view in source]
-            if not any(pose is not None for view in source for pose in (view.base_from_flange, view.flange_from_base, view.base_from_tcp)):
-                given = [name for name, pose in poses.items() if pose is not None]
-                if given:
-                    raise InputError(f"{given[0]} is for poses of the flange or the tool, and no view has one")
-            eye, tcp = (None if pose is None else _arrays.rigid(pose, name) for name, pose in poses.items())
-            return _weldpath.read_views(raw, eye, tcp, of_arrays), of_arrays
-        triangles = None
-        if isinstance(source, (list, tuple)) and any(
-            isinstance(part, np.ndarray) and part.ndim > 1 or _of_open3d(part) for part in source
-        ):
+            settled = given.job(job, overrides)
+            return _of_views(source, given, settled), settled
+        if given.base_from_camera is None:
+            settled = given.job(job, overrides)
+            return _weldpath.read_cloud(_of_points(source, given), "points", settled), settled
+        here = "base_from_camera takes them from the camera's frame to the base's"
+        if given.frame == "base":
+            raise InputError(f'frame="base": the points are there already, and {here}')
+        given.refuse(["camera_mm"], f"the camera is at the points' origin: {here}")
+        # That the points are the camera's is what the pose says, too.
+        settled = given.job(job, overrides, frame=None)
+        pose = _arrays.rigid(given.base_from_camera, "base_from_camera")
+        view = _weldpath.RawView.of_cloud(_of_points(source, given)).posed("base_from_camera", pose)
+        return _weldpath.read_views([view], None, None, settled), settled
+    except InputError as error:
+        raise InputError(words(str(error))) from None
+
+
+def _of_views(views: Sequence[View], given: Given, job: _weldpath.Job) -> _weldpath.Scan:
+    given.refuse(["base_from_camera", "normals"], "give it to each View")
+    of_flange = [pose for view in views for pose in (view.base_from_flange, view.flange_from_base, view.base_from_tcp)]
+    if all(pose is None for pose in of_flange):
+        given.refuse(_POSES_OF_ALL, "it is for poses of the flange or the tool, and no view has one")
+    eye, tcp = (
+        None if getattr(given, name) is None else _arrays.rigid(getattr(given, name), name)
+        for name in ("flange_from_camera", "flange_from_tcp")
+    )
+    return _weldpath.read_views([view._raw() for view in views], eye, tcp, job)
+
+
+def _of_points(source: Any, given: Given) -> _weldpath.RawCloud:
+    given.refuse(["flange_from_camera", "flange_from_tcp"], "it is for views with poses; give base_from_camera")
+    if isinstance(source, (list, tuple)):
+        if any(isinstance(part, np.ndarray) and part.ndim > 1 or _of_open3d(part) for part in source):
             raise InputError(
                 "a list of clouds: give a list of View(points=..., base_from_camera=...), or join them by numpy.concatenate if they are "
                 "in one frame"
             )
-        if isinstance(source, (list, tuple)) or hasattr(source, "__array__") or callable(getattr(source, "numpy", None)):
-            points = source
-        else:
-            of_open3d = _of_open3d(source)
-            if of_open3d is None:
-                raise InputError(
-                    f"a {type(source).__name__} is nothing to plan: give a path, an array N x 3, a list of View, or an Open3D "
-                    "cloud or mesh"
-                )
-            points, own, triangles = of_open3d
-            if triangles is not None and (normals is not None or base_from_camera is not None):
-                raise InputError("a mesh has its own normals and no camera: leave normals and base_from_camera out")
-            normals = own if normals is None else normals
-        cloud = _cloud(points, normals, triangles)
-        if base_from_camera is None:
-            return _weldpath.read_cloud(cloud, "points", of_arrays), of_arrays
-        view = _weldpath.RawView.of_cloud(cloud).posed(
-            "base_from_camera", _arrays.rigid(base_from_camera, "base_from_camera")
-        )
-        return _weldpath.read_views([view], None, None, of_arrays), of_arrays
-    except InputError as error:
-        raise InputError(words(str(error))) from None
+    elif not hasattr(source, "__array__") and not callable(getattr(source, "numpy", None)):
+        of_open3d = _of_open3d(source)
+        if of_open3d is None:
+            raise InputError(
+                f"a {type(source).__name__} is nothing to plan: give a path, an array N x 3, a list of View, or an Open3D cloud or mesh"
+            )
+        points, own, triangles = of_open3d
+        if triangles is not None:
+            given.refuse(["normals", "base_from_camera"], "a mesh has its own normals and no camera")
+        return _cloud(points, own if given.normals is None else given.normals, triangles)
+    return _cloud(source, given.normals, None)

