@@ -86,7 +86,7 @@ firmware() {
     firmware/build.sh build --release --no-default-features --features stm32f407
 }
 # All but the benches, whose libraries change the features of the product's, so that it would be built twice.
-packages="--workspace --exclude weldpath-benches"
+packages="--workspace --exclude weldpath-benches --exclude weldpath-python"
 # What runs in real time mostly waits, but must not wait for what computes.
 live() { cargo test $packages --release --test live; }
 

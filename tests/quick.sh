@@ -5,7 +5,7 @@ set -eu
 cd "$(dirname "$0")/.."
 cargo fmt --all --check
 cargo clippy --workspace --all-targets --quiet -- -D warnings
-cargo test --workspace --exclude weldpath-benches --quiet --lib
-cargo test --workspace --exclude weldpath-benches --quiet --test method fixtures::
-cargo test --workspace --exclude weldpath-benches --quiet --test link link_golden::
-cargo test --workspace --exclude weldpath-benches --quiet --test tree -- architecture:: documents:: shared_data::
+cargo test --workspace --exclude weldpath-benches --exclude weldpath-python --quiet --lib
+cargo test --workspace --exclude weldpath-benches --exclude weldpath-python --quiet --test method fixtures::
+cargo test --workspace --exclude weldpath-benches --exclude weldpath-python --quiet --test link link_golden::
+cargo test --workspace --exclude weldpath-benches --exclude weldpath-python --quiet --test tree -- architecture:: documents:: shared_data::
