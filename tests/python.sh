@@ -5,10 +5,9 @@ set -eu
 cd "$(dirname "$0")/.."
 environment=target/python
 python3 -c 'import sys; sys.exit(sys.version_info < (3, 10))' && python3 -m venv $environment &&
-    $environment/bin/pip install --quiet 'maturin>=1.9,<2' 'numpy>=1.23' 'pytest>=7' 'hypothesis>=6' 'mypy>=1.8' 'scipy>=1.10' 'pillow>=9' ||
-    exit 77
+    $environment/bin/pip install --quiet 'maturin>=1.9,<2' || exit 77
 grep -q '^    pip install ./python$' README.md docs/python.md
 # No build in isolation: the maturin that is there, and the artifacts of the workspace.
-PATH="$PWD/$environment/bin:$PATH" $environment/bin/pip install --quiet --no-build-isolation --no-deps ./python
+PATH="$PWD/$environment/bin:$PATH" $environment/bin/pip install --quiet --no-build-isolation './python[test]'
 (cd python && ../$environment/bin/mypy)
 $environment/bin/pytest --quiet -p no:cacheprovider python/tests

@@ -177,6 +177,8 @@ impl Run {
         let reasons = &self.verdict().reasons;
         let open = reasons.iter().filter(|reason| !reason.accepted && !confirmed.contains(&reason.id));
         let mut open: Vec<ReasonId> = open.map(|reason| reason.id).collect();
+        // Several of one kind are confirmed by its one id.
+        open.sort_unstable();
         open.dedup();
         if open.is_empty() { Ok(()) } else { Err(Withheld::Unconfirmed(open)) }
     }
@@ -190,9 +192,7 @@ impl Run {
 
     /// The page with the 3-D picture, HTML.
     pub fn report(&self) -> Vec<u8> {
-        let mut files = report::files(&self.found.plan, &self.output, &self.found.seen, &self.job);
-        files.retain(|file| file.name == report::PAGE);
-        files.pop().map(|file| file.bytes).unwrap_or_default()
+        report::page(&self.found.plan, &self.output, &self.found.seen, &self.job)
     }
 
     /// Writes [`Run::files`] to a folder, all or none. What weldpath did not write there is kept unless `overwrite` says otherwise.

@@ -44,12 +44,20 @@ pub fn files(plan: &Plan, output: &Output, recording: &Recording, job: &Job) -> 
     let title = title(job);
     let run = Run { plan, output, recording, job, title: &title };
     let scene = content::Scene::of(&run);
-    let page = || {
-        let (content, bytes) = content::document(&run, &scene);
-        page::page(&title, &content, &bytes)
-    };
-    let (page, picture) = rayon::join(page, || picture::svg(&run, &scene));
+    let (page, picture) = rayon::join(|| page_of(&run, &scene), || picture::svg(&run, &scene));
     vec![File::new(PAGE, page), File::new(PICTURE, picture)]
+}
+
+/// The page of a run alone.
+pub(crate) fn page(plan: &Plan, output: &Output, recording: &Recording, job: &Job) -> Vec<u8> {
+    let title = title(job);
+    let run = Run { plan, output, recording, job, title: &title };
+    page_of(&run, &content::Scene::of(&run)).into()
+}
+
+fn page_of(run: &Run, scene: &content::Scene) -> String {
+    let (content, bytes) = content::document(run, scene);
+    page::page(run.title, &content, &bytes)
 }
 
 /// The same of a run that found no seam: what was seen, in `error` why nothing came of it, and what looked like a seam

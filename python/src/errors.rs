@@ -90,11 +90,9 @@ pub(crate) fn reasons(names: &[String]) -> PyResult<Vec<ReasonId>> {
 }
 
 pub(crate) fn robot(name: &str) -> PyResult<Dialect> {
-    let known = || Dialect::ALL.iter().filter_map(|robot| serde_json::to_value(robot).ok());
-    let found =
-        Dialect::ALL.iter().find(|robot| serde_json::to_value(robot).is_ok_and(|value| value == name));
-    found.copied().ok_or_else(|| {
-        let names: Vec<String> = known().map(|value| value.as_str().unwrap_or_default().into()).collect();
+    serde_json::from_value(name.into()).map_err(|_| {
+        let known = Dialect::ALL.iter().filter_map(|robot| serde_json::to_value(robot).ok());
+        let names: Vec<String> = known.filter_map(|value| value.as_str().map(str::to_owned)).collect();
         python::<JobError>(format!("{name:?} is no robot; there are {}", names.join(", ")))
     })
 }

@@ -52,11 +52,6 @@ impl PyJob {
         let job = Job::parse(&text, &path).map_err(|error| job_error(&error))?;
         Ok(Self { job, allow_outside })
     }
-
-    /// The job as the text of a file.
-    fn to_toml(&self) -> String {
-        self.job.to_toml()
-    }
 }
 
 impl PyJob {
@@ -91,13 +86,12 @@ struct PyScan {
 
 #[pymethods]
 impl PyScan {
-    /// Per view: name, points (bytes of f32, mm, camera's frame), pose (bytes of f64, 4 x 4 row by row), whether the camera is known.
-    fn views<'py>(&self, py: Python<'py>) -> Vec<(String, Bound<'py, PyBytes>, Bound<'py, PyBytes>, bool)> {
+    /// Per view: name, points (bytes of f32, mm, the view's own frame), pose (bytes of f64, 4 x 4 row by row).
+    fn views<'py>(&self, py: Python<'py>) -> Vec<(String, Bound<'py, PyBytes>, Bound<'py, PyBytes>)> {
         let view = |view: &weldpath::geometry::cloud::View| {
             let points = view.points_mm.iter().flat_map(|p| [p.x, p.y, p.z]);
             let points = bytes_of(py, points.map(f32::to_le_bytes));
-            let pose = arrays::matrix(py, &view.base_from_camera);
-            (view.name.clone(), points, pose, view.camera_known)
+            (view.name.clone(), points, arrays::matrix(py, &view.base_from_camera))
         };
         self.scan.views.iter().map(view).collect()
     }
@@ -116,7 +110,7 @@ fn read(py: Python<'_>, job: &PyJob, threads: Option<usize>) -> PyResult<PyScan>
     Ok(PyScan { scan: Arc::new(scan) })
 }
 
-/// A cloud or a mesh: coordinates are f4 or f8 as `double` says, normals f4, triangles u8 (64 bits).
+/// A cloud or a mesh: coordinates are f4 or f8 as `double` says, normals f4, indices of triangles i8.
 #[pyclass(frozen, name = "RawCloud", module = "weldpath._weldpath")]
 struct PyRawCloud {
     cloud: RawCloud,

@@ -12,7 +12,7 @@ from ._weldpath import InputError
 
 Floats = npt.NDArray[np.float64]
 Singles = npt.NDArray[np.float32]
-_EMPTY_DISTANCE = 1e-12
+_NO_TURN_RAD = 1e-12
 
 
 def rows(data: bytes, columns: int = 3) -> Floats:
@@ -63,21 +63,23 @@ def plain(value: Any, what: str) -> npt.NDArray[Any]:
 
 def points(value: object, what: str = "points") -> tuple[bytes, bool, int]:
     """N x 3 or H x W x 3 coordinates as bytes, whether they are double, and how many points there are."""
-    array = numbers(value, what)
-    if array.ndim not in (2, 3) or array.shape[-1] != 3:
-        raise InputError(f"{what}: the shape is {array.shape}; give N x 3, or H x W x 3 of an organised cloud")
+    array = _threes(value, what)
     double = array.dtype not in (np.float16, np.float32)
     kind = "<f8" if double else "<f4"
-    flat = np.ascontiguousarray(array.reshape(-1, 3), dtype=kind)
-    return flat.tobytes(), double, len(flat)
+    return np.ascontiguousarray(array, dtype=kind).tobytes(), double, len(array)
 
 
 def vectors(value: object, what: str) -> bytes:
     """N x 3 or H x W x 3 as float32."""
+    return np.ascontiguousarray(_threes(value, what), dtype="<f4").tobytes()
+
+
+def _threes(value: object, what: str) -> npt.NDArray[Any]:
+    """N x 3 or H x W x 3 numbers as rows of three."""
     array = numbers(value, what)
     if array.ndim not in (2, 3) or array.shape[-1] != 3:
-        raise InputError(f"{what}: the shape is {array.shape}; give N x 3")
-    return np.ascontiguousarray(array.reshape(-1, 3), dtype="<f4").tobytes()
+        raise InputError(f"{what}: the shape is {array.shape}; give N x 3, or H x W x 3 of an organised cloud")
+    return array.reshape(-1, 3)
 
 
 def triangles(value: object) -> bytes:
@@ -110,7 +112,7 @@ def _of_vector(six: Floats) -> Floats:
     angle = float(np.linalg.norm(six[3:]))
     matrix = np.eye(4)
     matrix[:3, 3] = six[:3]
-    if angle > _EMPTY_DISTANCE:
+    if angle > _NO_TURN_RAD:
         x, y, z = six[3:] / angle
         cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
         matrix[:3, :3] += np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross

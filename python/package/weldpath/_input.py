@@ -114,7 +114,7 @@ class Scan:
         """Per view: its name, points (N x 3, mm, the view's own frame), and `base_from_camera` (4 x 4, mm)."""
         return [
             (name, _arrays.single_rows(points), _arrays.rows(pose, 4))
-            for name, points, pose, _ in self._scan.views()
+            for name, points, pose in self._scan.views()
         ]
 
     @property

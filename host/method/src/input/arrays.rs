@@ -260,14 +260,15 @@ impl PosedViews {
         if views.is_empty() {
             return Err(Error::empty(path, "the list of views is empty"));
         }
-        if let [RawView { name, held, pose: None }] = &mut views[..] {
-            let name = name.take().unwrap_or_else(|| "view".into());
+        if let [RawView { pose: None, .. }] = views[..] {
+            let RawView { name, held, .. } = views.remove(0);
+            let name = name.unwrap_or_else(|| "view".into());
             return match held {
                 Held::Depth { points_mm, rays } => {
                     let path = Path::new(&name);
-                    whole(depth::single(std::mem::take(points_mm), rays, path)?, path, options)
+                    whole(depth::single(points_mm, &rays, path)?, path, options)
                 }
-                Held::Cloud(raw) => RawCloud(raw.clone()).read(&name, options),
+                Held::Cloud(raw) => RawCloud(raw).read(&name, options),
             };
         }
         let mut manifest = Manifest {

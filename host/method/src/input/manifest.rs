@@ -16,7 +16,8 @@ use serde_json::Value;
 
 use super::camera::{Camera, Rays};
 use super::depth;
-use super::misreading::{self, Told};
+use super::direction::Trial;
+use super::misreading::{self, Reading, Told};
 use super::raw::Raw;
 use super::transform::Mount;
 use super::units::Unit;
@@ -522,7 +523,7 @@ fn check_direction(
     scan: &mut Scan,
     path: &Path,
 ) -> Result<(), Error> {
-    if !manifest.views.is_empty() && manifest.views.iter().all(Entry::is_fixed) {
+    if manifest.views.iter().all(Entry::is_fixed) {
         return check_fixed(manifest, scan, path);
     }
     let in_base = |entry: &Entry| entry.frame == Some(Frame::Base) || entry.is_fixed();
@@ -530,7 +531,9 @@ fn check_direction(
     let flange = |view: &View| view.base_from_camera * hand_eye.inverse();
     let poses: Vec<Isometry3<f64>> = scan.views.iter().map(flange).collect();
     let Some(found) = direction::better(&scan.views, &poses, &hand_eye) else {
-        return check_reading(manifest, unit, hand_eye, scan, path);
+        return check_readings(manifest, scan, path, |views, trial| {
+            readings::readings(manifest, unit, hand_eye, views, trial)
+        });
     };
     let inverse =
         |key: &'static str, other: &'static str, given: bool| if given { [key, other] } else { [other, key] };
@@ -552,15 +555,10 @@ fn check_fixed(manifest: &Manifest, scan: &mut Scan, path: &Path) -> Result<(), 
     let keys = ["base_from_camera", "camera_from_base"];
     let is_inverse = manifest.views.iter().all(|entry| entry.camera_from_base.is_some());
     let Some(found) = direction::better(&scan.views, &poses, &Isometry3::identity()) else {
-        // A view that sees nothing is left out, and which pose belongs to which is not known then.
-        if scan.views.len() != manifest.views.len() {
-            return Ok(());
-        }
         let key = keys[usize::from(is_inverse)];
-        let told = misreading::told(&scan.views, &poses, |_| {
-            readings::readings_of_cameras(manifest, key, &scan.views)
+        return check_readings(manifest, scan, path, |views, _| {
+            readings::readings_of_cameras(manifest, key, views)
         });
-        return tell_reading(told, scan, path);
     };
     let wrong = if is_inverse { [keys[1], keys[0]] } else { keys };
     tell_direction(&found, &[wrong], scan, path)
@@ -590,26 +588,18 @@ fn tell_direction(
 }
 
 /// Refuses what is read otherwise than it was meant, where trying shows how it was meant.
-fn check_reading(
+fn check_readings(
     manifest: &Manifest,
-    unit: Unit,
-    hand_eye: Isometry3<f64>,
     scan: &mut Scan,
     path: &Path,
+    readings: impl FnOnce(&[View], &Trial) -> Vec<Reading>,
 ) -> Result<(), Error> {
     // A view that sees nothing is left out, and which pose belongs to which is not known then.
     if scan.views.len() != manifest.views.len() {
         return Ok(());
     }
     let given: Vec<Isometry3<f64>> = scan.views.iter().map(|view| view.base_from_camera).collect();
-    let told = misreading::told(&scan.views, &given, |trial| {
-        readings::readings(manifest, unit, hand_eye, &scan.views, trial)
-    });
-    tell_reading(told, scan, path)
-}
-
-/// Refuses what was meant otherwise.
-fn tell_reading(told: Told, scan: &mut Scan, path: &Path) -> Result<(), Error> {
+    let told = misreading::told(&scan.views, &given, |trial| readings(&scan.views, trial));
     match told {
         Told::Agree => Ok(()),
         Told::One { problem, help } => Err(Error::malformed(path, "views", problem, help)),
