@@ -6,6 +6,7 @@ use nalgebra::{Isometry3, Point3};
 use proptest::prelude::*;
 use weldpath::files::File;
 use weldpath::geometry::cloud::{PointCloud, View};
+use weldpath::input::memory::{Bound, Limit};
 use weldpath::input::{Intrinsics, Options};
 use weldpath::output::summary::Summary;
 use weldpath::output::verdict::{ReasonId, State, Verdict};
@@ -25,6 +26,7 @@ type Read<T> = Result<T, input::Error>;
 #[test]
 fn the_promise_by_its_types() {
     let _: fn(&Path, &Options) -> Read<Scan> = input::read;
+    let _: fn(u64) -> Limit = Limit::of_mb;
     let _: fn(Coordinates) -> RawCloud = RawCloud::new;
     let _: fn(RawCloud, Vec<[f32; 3]>) -> Read<RawCloud> = RawCloud::with_normals;
     let _: fn(RawCloud, Vec<[usize; 3]>) -> Read<RawCloud> = RawCloud::with_triangles;
@@ -125,6 +127,21 @@ fn views_that_no_reader_makes_are_refused_by_number() {
     refused(&[good.clone(), view(Vec::new())], 1, "no point");
     refused(&[view(vec![Point3::new(f32::NAN, 0.0, 1.0)])], 0, "not finite");
     refused(&[View { normals: vec![Default::default(); 2], ..good }], 0, "2 normals for 1 points");
+}
+
+#[test]
+fn the_limit_of_memory_is_that_of_each_reading() {
+    let points: Vec<[f32; 3]> = (0..1_100_000).map(|i| [i as f32 * 1e-4, (i % 1000) as f32, 0.5]).collect();
+    let read = |memory: Limit| {
+        RawCloud::new(Coordinates::Single(points.clone())).read("points", &Options { memory, ..Options::default() })
+    };
+    let small = || match read(Limit::of_mb(64)) {
+        Err(input::Error::TooLarge { bound, most_mb, .. }) => (bound, most_mb),
+        other => panic!("{:?}", other.map(|scan| scan.notes)),
+    };
+    assert_eq!(small(), (Bound::Memory, 64));
+    assert!(read(Limit::of_mb(1000)).is_ok());
+    assert_eq!(small(), (Bound::Memory, 64));
 }
 
 /// Numbers of all kinds, and of the size of a workpiece.

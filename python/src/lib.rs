@@ -13,8 +13,9 @@ use std::sync::Arc;
 
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
+use weldpath::input::memory::Limit;
 use weldpath::robot::dialect::Dialect;
-use weldpath::run::planning;
+use weldpath::run::planning::{self, Allowed};
 use weldpath::{CameraPose, Job, PosedViews, RawCloud, RawView, Transform, input};
 
 use arrays::{bytes_of, coordinates, triples};
@@ -25,7 +26,7 @@ use running::run;
 #[pyclass(frozen, name = "Job", module = "weldpath._weldpath")]
 struct PyJob {
     job: Job,
-    allow_outside: bool,
+    allowed: Allowed,
 }
 
 #[pymethods]
@@ -37,6 +38,7 @@ impl PyJob {
         settings: Option<&str>,
         overrides: &str,
         allow_outside: bool,
+        memory_mb: Option<u64>,
     ) -> PyResult<Self> {
         let mut value = match &file {
             Some(path) => {
@@ -50,13 +52,14 @@ impl PyJob {
         let text = toml::to_string(&value).map_err(python::<errors::JobError>)?;
         let path = file.unwrap_or_else(|| "job".into());
         let job = Job::parse(&text, &path).map_err(|error| job_error(&error))?;
-        Ok(Self { job, allow_outside })
+        let memory = memory_mb.map_or_else(Limit::default, Limit::of_mb);
+        Ok(Self { job, allowed: Allowed { outside: allow_outside, memory } })
     }
 }
 
 impl PyJob {
     fn options(&self) -> input::Options {
-        planning::options(&self.job, self.allow_outside)
+        planning::options(&self.job, self.allowed)
     }
 }
 
@@ -105,7 +108,7 @@ impl PyScan {
 /// Reads the input that a job names.
 #[pyfunction]
 fn read(py: Python<'_>, job: &PyJob, threads: Option<usize>) -> PyResult<PyScan> {
-    let scan = run(py, threads, None, |_| planning::read(&job.job, job.allow_outside))?
+    let scan = run(py, threads, None, |_| planning::read(&job.job, job.allowed))?
         .map_err(python::<errors::InputError>)?;
     Ok(PyScan { scan: Arc::new(scan) })
 }
@@ -197,7 +200,7 @@ impl PyRawView {
 fn read_cloud(py: Python<'_>, cloud: &PyRawCloud, name: &str, job: &PyJob) -> PyResult<PyScan> {
     let read = || {
         let scan = cloud.cloud.clone().read(name, &job.options())?;
-        planning::over_background(scan, &job.job, job.allow_outside)
+        planning::over_background(scan, &job.job, job.allowed)
     };
     let scan = run(py, None, None, |_| read())?.map_err(python::<errors::InputError>)?;
     Ok(PyScan { scan: Arc::new(scan) })
@@ -217,7 +220,7 @@ fn read_views(
         flange_from_camera: flange_from_camera.map(Transform::Matrix),
         flange_from_tcp: flange_from_tcp.map(Transform::Matrix),
     };
-    let read = || planning::over_background(raw.read(&job.options())?, &job.job, job.allow_outside);
+    let read = || planning::over_background(raw.read(&job.options())?, &job.job, job.allowed);
     let scan = run(py, None, None, |_| read())?.map_err(python::<errors::InputError>)?;
     Ok(PyScan { scan: Arc::new(scan) })
 }

@@ -275,3 +275,10 @@ def test_normals_that_are_no_numbers_are_none(lap_cloud: np.ndarray[Any, Any]) -
     bare = weldpath.plan(lap_cloud, units="mm", frame="base")
     with_nan = weldpath.plan(lap_cloud, units="mm", frame="base", normals=np.full(lap_cloud.shape, np.nan))
     assert np.array_equal(bare.paths[0].position_mm, with_nan.paths[0].position_mm)
+
+
+def test_the_limit_of_memory_is_that_of_one_reading() -> None:
+    points = np.random.default_rng(1).uniform(size=(1_100_000, 3)).astype(np.float32)
+    with pytest.raises(weldpath.InputError, match="limit of memory_mb"):
+        weldpath.read(points, units="m", memory_mb=64)
+    assert weldpath.read(points[:100_000], units="m", memory_mb=64).views

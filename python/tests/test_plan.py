@@ -259,6 +259,7 @@ def test_a_simulated_scan_is_planned_and_held_against_its_truth(tmp_path: Path) 
         ({"robot": "bla"}, "bla"),
         ({"threads": -1}, "threads: -1"),
         ({"threads": "2"}, "threads: '2'"),
+        ({"memory_mb": 8}, "memory_mb: 8"),
     ],
 )
 def test_a_setting_that_cannot_be_is_named_as_it_was_given(named: dict[str, Any], part: str) -> None:

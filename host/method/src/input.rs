@@ -80,6 +80,8 @@ pub struct Options {
     pub mesh_as: Option<MeshAs>,
     /// Whether a `scan.json` may name files outside its folder. One that came from somebody else should not.
     pub allow_outside: bool,
+    /// The most memory that reading and planning may take.
+    pub memory: memory::Limit,
 }
 
 /// What a file with faces is.
@@ -213,8 +215,9 @@ pub enum Error {
     },
     /// More than a file of this size, or this machine, has room for.
     #[error(
-        "{path}: {count} {what} would take {needed_mb} MB of memory, more than {most_mb} MB, {why}. Give a smaller file, \
+        "{path}: {count} {what} would take {needed_mb} MB of memory, more than {most_mb} MB, {}. Give a smaller file, \
          or raise the limit with --memory-mb if that is what it is.",
+        bound.words(),
         path = path.display()
     )]
     TooLarge {
@@ -228,8 +231,8 @@ pub enum Error {
         needed_mb: u64,
         /// What they may.
         most_mb: u64,
-        /// Where that limit comes from.
-        why: &'static str,
+        /// What sets that limit.
+        bound: memory::Bound,
     },
     /// The file breaks the rules of its kind.
     #[error("{path}: {place}: {problem}. {help}", path = path.display())]
@@ -288,7 +291,7 @@ fn whole(mut scan: Scan, input: &Path, options: &Options) -> Result<Scan, Error>
         let repeated = repeated::thin(&mut view.points_mm, &mut view.normals);
         scan.notes.extend([far, repeated].into_iter().flatten().map(|note| format!("{}: {note}", view.name)));
     }
-    memory::hold_plan(input, scan.views.iter().map(|view| view.points_mm.len()).sum())?;
+    options.memory.hold_plan(input, scan.views.iter().map(|view| view.points_mm.len()).sum())?;
     Ok(scan)
 }
 
@@ -319,7 +322,7 @@ fn read_any(input: &Path, options: &Options) -> Result<Scan, Error> {
     if let Some(raw) = fast::read(input) {
         return single(raw, input, options);
     }
-    let bytes = read_file(input)?;
+    let bytes = read_file(input, options.memory)?;
     if let Some(Format { reader: Reader::Manifest, .. }) = format::of(&bytes, input) {
         return manifest::read(input, options);
     }
@@ -348,7 +351,7 @@ fn of_bytes(bytes: Vec<u8>, path: &Path, options: &Options) -> Result<Scan, Erro
     let format = format_of(&bytes, path)?;
     match format.reader {
         Reader::Views { read, .. } => read(bytes, path, options),
-        _ => single(parse(bytes, format, path)?, path, options),
+        _ => single(parse(bytes, format, path, options.memory)?, path, options),
     }
 }
 
@@ -369,7 +372,7 @@ fn format_of(bytes: &[u8], path: &Path) -> Result<&'static Format, Error> {
 /// # Errors
 /// As [`read`].
 pub fn points(path: &Path) -> Result<Vec<Point3<f32>>, Error> {
-    Ok(match parsed(path)?.positions {
+    Ok(match parsed(path, memory::Limit::default())?.positions {
         raw::Positions::Single(points) => points,
         raw::Positions::Double(points) => points.iter().map(|p| p.cast()).collect(),
     })
@@ -381,7 +384,7 @@ pub fn points(path: &Path) -> Result<Vec<Point3<f32>>, Error> {
 /// # Errors
 /// As [`read`].
 pub fn triangles(path: &Path, options: &Options) -> Result<Vec<[Point3<f64>; 3]>, Error> {
-    let raw = parsed(path)?;
+    let raw = parsed(path, options.memory)?;
     let (mut notes, mut warnings) = (Vec::new(), Vec::new());
     let mm_per_unit = units::decide(options.units, raw.unit, &raw.extent(), &mut notes, &mut warnings);
     let corner = |i: usize| Point3::from(raw.positions.at(i) * mm_per_unit);
@@ -390,23 +393,23 @@ pub fn triangles(path: &Path, options: &Options) -> Result<Vec<[Point3<f64>; 3]>
 }
 
 /// What one file tells: its points, as they stand in it, and more.
-fn parsed(path: &Path) -> Result<Raw, Error> {
+fn parsed(path: &Path, limit: memory::Limit) -> Result<Raw, Error> {
     if let Some(raw) = fast::read(path) {
         return Ok(raw);
     }
-    let bytes = read_file(path)?;
+    let bytes = read_file(path, limit)?;
     let format = format_of(&bytes, path)?;
-    parse(bytes, format, path)
+    parse(bytes, format, path, limit)
 }
 
 /// The points of one file, as they stand in it.
-fn parse(bytes: Vec<u8>, format: &Format, path: &Path) -> Result<Raw, Error> {
+fn parse(bytes: Vec<u8>, format: &Format, path: &Path, limit: memory::Limit) -> Result<Raw, Error> {
     let another = |help: &str| {
         let problem = "a point cloud is needed here, this is another kind of file";
         Err(Error::malformed(path, "byte 0", problem, help))
     };
     match format.reader {
-        Reader::Points { parse, .. } => parse(bytes, path),
+        Reader::Points { parse, .. } => parse(bytes, path, limit),
         Reader::Views { elsewhere, .. } => another(elsewhere),
         Reader::Manifest => another("Give a depth image as `depth`, a cloud as `cloud`."),
         Reader::LeftOut(feature) => Err(left_out(path, format.name, feature)),
@@ -527,13 +530,18 @@ fn name_of(path: &Path) -> String {
 /// Bytes of a `scan.json` or a calibration at most; a thousand views take a fifth of it.
 const SETTINGS_BYTES: u64 = 1 << 20;
 
-/// The whole of a regular file; a device or a pipe could be endless.
-fn read_file(path: &Path) -> Result<Vec<u8>, Error> {
-    read_at_most(path, u64::MAX)
+/// The whole of a file that may be as large as memory allows.
+fn read_file(path: &Path, limit: memory::Limit) -> Result<Vec<u8>, Error> {
+    read_held(path, |bytes| limit.hold_file(path, bytes))
 }
 
-/// The whole of a regular file of a kind that is never larger than `most` bytes.
+/// The whole of a file of a kind that is never larger than `most` bytes.
 fn read_at_most(path: &Path, most: u64) -> Result<Vec<u8>, Error> {
+    read_held(path, |bytes| memory::hold_kind(path, bytes, most))
+}
+
+/// The whole of a regular file of a size that is taken; a device or a pipe could be endless.
+fn read_held(path: &Path, hold: impl FnOnce(u64) -> Result<(), Error>) -> Result<Vec<u8>, Error> {
     let io = |source| Error::Io {
         path: path.into(),
         source,
@@ -543,7 +551,7 @@ fn read_at_most(path: &Path, most: u64) -> Result<Vec<u8>, Error> {
     if !metadata.is_file() {
         return Err(io(std::io::Error::other("not a regular file")));
     }
-    memory::hold_file(path, metadata.len(), most)?;
+    hold(metadata.len())?;
     let bytes = without_mark(std::fs::read(path).map_err(io)?);
     foreign::refuse(&bytes, path)?;
     Ok(bytes)

@@ -55,7 +55,7 @@ fn table(rows: &[(&str, String)]) -> String {
 
 fn machine() -> String {
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
-    let megabytes = input::memory::most_bytes() >> 20;
+    let megabytes = input::memory::Limit::default().mb();
     format!("{threads} threads, at most {megabytes} MB of memory for a plan (--memory-mb)")
 }
 

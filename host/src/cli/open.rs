@@ -8,6 +8,7 @@ use std::sync::Arc;
 use weldpath::files::manifest;
 use weldpath::input;
 use weldpath::run::job::Job;
+use weldpath::run::planning::Allowed;
 use weldpath::server::{self, Choice, Start, Workplace};
 use weldpath::simulation::{self, Part};
 
@@ -55,8 +56,8 @@ const EXAMPLE: &str = "weldpath-example";
 const JOB: &str = "job.toml";
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    args.memory_mb.into_iter().for_each(input::memory::limit_mb);
-    let how = How { folder: args.folder, allow_outside: args.allow_outside, keeps: !args.no_cache };
+    let allowed = plan::allowed(args.allow_outside, args.memory_mb);
+    let how = How { folder: args.folder, allowed, keeps: !args.no_cache };
     let announce = |address: &str, ticket: &str| announce(address, (!args.no_browser).then_some(ticket));
     let port = args.port.unwrap_or(0);
     let served = match &args.input {
@@ -112,7 +113,7 @@ fn simulate_example(folder: &Path, args: FolderArgs) -> Result<(), Failure> {
 #[derive(Debug, Clone, Copy)]
 struct How {
     folder: FolderArgs,
-    allow_outside: bool,
+    allowed: Allowed,
     keeps: bool,
 }
 
@@ -133,8 +134,8 @@ impl How {
         let out = out.or(results).unwrap_or(Path::new(OUT));
         Folder::new(out, self.folder, false).given(given.as_deref()).check(plan::CERTAIN)?;
         let out = std::path::absolute(out).map_err(|error| Failure::new(Exit::Output, error))?;
-        let How { allow_outside, keeps, .. } = self;
-        let workplace = Workplace { out, given, overwrite: self.folder.overwrite(), allow_outside, keeps };
+        let How { allowed, keeps, .. } = self;
+        let workplace = Workplace { out, given, overwrite: self.folder.overwrite(), allowed, keeps };
         Ok((job, workplace))
     }
 }

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use weldpath::files::{File, reading};
 use weldpath::input;
+use weldpath::input::memory::Limit;
 use weldpath::output::verdict::{Reason, ReasonId, State};
 use weldpath::pipeline::{self, Method, Observer};
 use weldpath::report;
@@ -20,7 +21,7 @@ use weldpath::run::job::robot::{RobotSettings, TorchBodySettings};
 use weldpath::run::job::scan::AnchorName;
 use weldpath::run::job::touch::TouchSettings;
 use weldpath::run::job::{Job, Sequence};
-use weldpath::run::planning::{self, Kept};
+use weldpath::run::planning::{self, Allowed, Kept};
 use weldpath::run::postprocessing;
 use weldpath::run::postprocessing::{Output, postprocess_observed};
 use weldpath::run::selection;
@@ -181,15 +182,20 @@ pub(super) struct Args {
 /// Files that every plan writes, whatever it finds.
 pub(super) const CERTAIN: &[&str] = &["path.csv", "path.json", "model.ply", "summary.json"];
 
+/// What reading may do, as it was asked for.
+pub(super) fn allowed(outside: bool, memory_mb: Option<u64>) -> Allowed {
+    Allowed { outside, memory: memory_mb.map_or_else(Limit::default, Limit::of_mb) }
+}
+
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let job = job(args)?;
-    args.memory_mb.into_iter().for_each(input::memory::limit_mb);
     let folder = Folder::new(&args.out, args.folder, args.quiet).given(args.job.as_deref());
     folder.check(CERTAIN)?;
     let mut progress = Progress::new(args.quiet, args.dump_stages, !args.no_report);
     // The clouds after each stage are kept nowhere: the stages have to be gone through.
     let kept = if args.no_cache || args.dump_stages { Kept::default() } else { Kept::within(&args.out) };
-    let result = planning::find(&job, args.allow_outside, &kept, &mut progress, Progress::take_recording);
+    let allowed = allowed(args.allow_outside, args.memory_mb);
+    let result = planning::find(&job, allowed, &kept, &mut progress, Progress::take_recording);
     let is_kept = !progress.has_begun();
     let found = match result {
         Ok(found) => found,

@@ -79,7 +79,7 @@ fn plan(session: &Session, Begun { wish, job, stop }: Begun) {
     let mut turn = Turn { session, failure: Some(died) };
     let found = match wish {
         Wish::Whole => search(session, &job, &stop).map(Some),
-        Wish::Kept => Ok(planning::kept(&job, session.workplace.allow_outside, &session.kept)),
+        Wish::Kept => Ok(planning::kept(&job, session.workplace.allowed, &session.kept)),
     };
     let planned = found.and_then(|found| found.map_or(Ok(()), |found| show(session, job, found, &stop)));
     // An edit that another one overtook is no failure.
@@ -118,7 +118,7 @@ fn show(session: &Session, job: Job, found: Arc<Searched>, stop: &AtomicBool) ->
 fn search(session: &Session, job: &Job, stop: &AtomicBool) -> Result<Arc<Searched>, Told> {
     let mut watch = Watch { session, stop, recording: Recording::default() };
     let recording = |watch: &mut Watch| Some(std::mem::take(&mut watch.recording));
-    match planning::find(job, session.workplace.allow_outside, &session.kept, &mut watch, recording) {
+    match planning::find(job, session.workplace.allowed, &session.kept, &mut watch, recording) {
         Ok(found) => Ok(found),
         Err(Error::Input(error)) => Err(told(error, "the scan is read anew with the next plan")),
         Err(Error::Plan(PlanError::GivenUp)) => Err(given_up()),

@@ -36,8 +36,8 @@ pub struct Workplace {
     pub given: Option<PathBuf>,
     /// Whether files are replaced that weldpath did not write.
     pub overwrite: bool,
-    /// Whether scan.json may name files outside its folder.
-    pub allow_outside: bool,
+    /// What reading the scan may do.
+    pub allowed: planning::Allowed,
     /// Whether what was found is kept in the folder of the results, for the next time that the page is opened.
     pub keeps: bool,
 }
@@ -355,8 +355,8 @@ impl Session {
     /// All that a page shows beside the report, as JSON.
     pub(super) fn told(&self) -> String {
         let desk = self.desk();
-        let Workplace { out, overwrite, allow_outside, .. } = &self.workplace;
-        let target = Target { out, overwrite: *overwrite, allow_outside: *allow_outside };
+        let Workplace { out, overwrite, allowed, .. } = &self.workplace;
+        let target = Target { out, overwrite: *overwrite, allow_outside: allowed.outside };
         let edition = desk.shown.as_ref().map(|shown| shown.edition).unwrap_or_default();
         let running = |wish: Wish| desk.running.as_ref().filter(|running| running.wish == wish);
         let told = Overview {

@@ -87,11 +87,13 @@ def read(
     camera_mm: Sequence[float] | None = None,
     job: JobLike = None,
     allow_outside: bool = False,
+    memory_mb: int | None = None,
     threads: int | None = None,
 ) -> Scan:
     """Reads a scan without planning it: see `plan`, whose arguments these are."""
     given = Given(
-        units, base_from_camera, flange_from_camera, flange_from_tcp, normals, frame, camera_mm, allow_outside, threads
+        units, base_from_camera, flange_from_camera, flange_from_tcp, normals, frame, camera_mm, allow_outside, memory_mb,
+        threads,
     )
     scan, _ = scan_of(source, job, given, {})
     return Scan(scan)
@@ -111,6 +113,7 @@ def plan(
     accept: Iterable[str] | None = (),
     robot: Sequence[str] | None = None,
     allow_outside: bool = False,
+    memory_mb: int | None = None,
     threads: int | None = None,
     progress: Callable[[str], object] | None = None,
 ) -> Run:
@@ -137,6 +140,8 @@ def plan(
         Ids of reasons that are known to be harmless here.
     robot
         For which controllers programs are written: "ur", "abb", "kuka", "fanuc", "ros".
+    memory_mb
+        What reading and planning may take at most; half of the machine's memory, if not said. What needs more is an `InputError`.
     threads
         As many as the machine has, if not said; at most twice as many.
     progress
@@ -145,7 +150,8 @@ def plan(
     Raises `InputError`, `JobError` or `NoSeam`. A refused plan is returned: it has seams and a report to look at, and no path.
     """
     given = Given(
-        units, base_from_camera, flange_from_camera, flange_from_tcp, normals, frame, camera_mm, allow_outside, threads
+        units, base_from_camera, flange_from_camera, flange_from_tcp, normals, frame, camera_mm, allow_outside, memory_mb,
+        threads,
     )
     overrides = {"accept": names(accept, "accept") or None, "formats": names(robot, "robot")}
     scan, settled = scan_of(source, job, given, overrides)

@@ -170,7 +170,7 @@ def _of_open3d(source: Any) -> tuple[Any, Any, Any] | None:
 def words(text: str) -> str:
     """Options of the command as what they are called here."""
     text = re.sub(r"--(units|frame) (m|mm|camera|base)\b", r'\1="\2"', text)
-    text = text.replace("--camera x,y,z", "camera_mm=(x, y, z)").replace("--allow-outside", "allow_outside=True")
+    text = text.replace("--camera x,y,z", "camera_mm=(x, y, z)").replace("--allow-outside", "allow_outside=True").replace("--memory-mb", "memory_mb")
     return text.replace("--depth-scale-m", "depth_scale_m").replace("--units", "units")
 
 
@@ -206,7 +206,7 @@ def names(value: object, what: str) -> list[str] | None:
     return [str(name) for name in several]
 
 
-def job_of(job: JobLike, allow_outside: bool, overrides: Mapping[str, object]) -> _weldpath.Job:
+def job_of(job: JobLike, allow_outside: bool, memory_mb: int | None, overrides: Mapping[str, object]) -> _weldpath.Job:
     """The job from a file or a mapping, with what was given by name on top."""
     on_top = json.dumps(_without_none(overrides), default=_plain)
     if isinstance(job, Mapping) and "input" in job:
@@ -214,13 +214,13 @@ def job_of(job: JobLike, allow_outside: bool, overrides: Mapping[str, object]) -
     if job is None or isinstance(job, Mapping):
         settings = json.dumps(_without_none(job or {}), default=_plain)
         try:
-            return _weldpath.Job(None, settings, on_top, allow_outside)
+            return _weldpath.Job(None, settings, on_top, allow_outside, memory_mb)
         except JobError as error:
             # Of a mapping there are no lines.
             raise JobError(re.sub(r"^job:\d+: ", "job: ", str(error))) from None
     if not isinstance(job, (str, os.PathLike)):
         raise JobError(f"job: a {type(job).__name__} is neither a path nor a mapping")
-    return _weldpath.Job(os.fspath(job), None, on_top, allow_outside)
+    return _weldpath.Job(os.fspath(job), None, on_top, allow_outside, memory_mb)
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,6 +235,7 @@ class Given:
     frame: str | None
     camera_mm: Sequence[float] | None
     allow_outside: bool
+    memory_mb: int | None
     threads: int | None
 
     def refuse(self, names: Iterable[str], why: str) -> None:
@@ -246,7 +247,7 @@ class Given:
     def job(self, job: JobLike, overrides: Mapping[str, object], **more: object) -> _weldpath.Job:
         units = None if self.units == "auto" else self.units
         told = {"units": units, "frame": self.frame, "camera_mm": self.camera_mm}
-        return job_of(job, self.allow_outside, {**told, **overrides, **more})
+        return job_of(job, self.allow_outside, self.memory_mb, {**told, **overrides, **more})
 
 
 _POSES_OF_ALL = ("base_from_camera", "flange_from_camera", "flange_from_tcp")
@@ -257,8 +258,10 @@ def scan_of(
 ) -> tuple[_weldpath.Scan, _weldpath.Job]:
     """Reads a source of any kind, as a job says."""
     threads = given.threads
-    if threads is not None and (not isinstance(threads, (int, np.integer)) or threads < 1):
-        raise JobError(f"threads: {threads!r} is not a whole number above 0")
+    for name, least in (("threads", 1), ("memory_mb", 64)):
+        count = getattr(given, name)
+        if count is not None and (not isinstance(count, (int, np.integer)) or count < least):
+            raise JobError(f"{name}: {count!r} is not a whole number of at least {least}")
     try:
         if isinstance(source, Scan):
             told = [*_POSES_OF_ALL, "normals", "frame", "camera_mm", *(["units"] if given.units != "auto" else [])]

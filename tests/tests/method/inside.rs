@@ -5,7 +5,7 @@ use std::path::Path;
 use weldpath::output::verdict::{ReasonId, State};
 use weldpath::pipeline::Plan;
 use weldpath::run::job::Job;
-use weldpath::run::planning;
+use weldpath::run::planning::{self, Allowed};
 use weldpath::run::postprocessing::{Output, postprocess};
 use weldpath_tests::solids::Solids;
 
@@ -19,7 +19,7 @@ fn planned(solids: &Solids, job: &str) -> (Plan, Output) {
     let path = home.path().join("part.stl");
     solids.write(&path);
     let job = Job { input: Some(path), ..Job::parse(job, Path::new("job.toml")).unwrap() };
-    let scan = planning::read(&job, false).unwrap();
+    let scan = planning::read(&job, Allowed::default()).unwrap();
     let plan = planning::plan(&scan, &job, &mut ()).unwrap();
     let output = postprocess(&plan, &job, planning::source(&scan, &job)).unwrap();
     (plan, output)

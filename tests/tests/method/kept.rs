@@ -9,7 +9,7 @@ use weldpath::files::{File, entries};
 use weldpath::pipeline::{Evidence, Observer};
 use weldpath::report::{self, Recording};
 use weldpath::run::job::Job;
-use weldpath::run::planning::{self, Kept, Searched};
+use weldpath::run::planning::{self, Allowed, Kept, Searched};
 use weldpath::run::postprocessing::postprocess;
 use weldpath_tests::command::{ends_well, weldpath};
 
@@ -34,7 +34,8 @@ impl Observer for Watch {
 fn find(job: &Job, kept: &Kept<Recording>) -> (Vec<&'static str>, Result<Arc<Searched<Recording>>, String>) {
     let mut watch = Watch::default();
     let seen = |watch: &mut Watch| Some(std::mem::take(&mut watch.recording));
-    let found = planning::find(job, false, kept, &mut watch, seen).map_err(|error| error.to_string());
+    let found =
+        planning::find(job, Allowed::default(), kept, &mut watch, seen).map_err(|error| error.to_string());
     (watch.stages, found)
 }
 

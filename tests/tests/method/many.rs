@@ -47,7 +47,13 @@ const AT_ONCE: Duration = Duration::from_millis(500);
 /// From the file to the files, until it is given up; how long it went on after that.
 fn given_up(job: &Job, give_up_after: Duration) -> Option<Duration> {
     let mut watch = Watch { begun: Instant::now(), give_up_after };
-    let found = planning::find(job, false, &planning::Kept::<()>::default(), &mut watch, |_| None);
+    let found = planning::find(
+        job,
+        planning::Allowed::default(),
+        &planning::Kept::<()>::default(),
+        &mut watch,
+        |_| None,
+    );
     let is_given_up = match &found {
         Err(planning::Error::Plan(PlanError::GivenUp)) => true,
         Err(error) => panic!("{error}"),

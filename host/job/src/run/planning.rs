@@ -21,7 +21,7 @@ use weldpath_method::input::{self, Scan};
 use weldpath_method::pipeline::{Observer, Plan, PlanError};
 
 use reading::Reading;
-pub use reading::{options, over_background, read};
+pub use reading::{Allowed, options, over_background, read};
 pub use search::Search;
 use steps::Steps;
 
@@ -116,8 +116,8 @@ pub enum Error {
 }
 
 /// What is kept of the same job on the same files, if there is any: nothing is read or sought.
-pub fn kept<R: Record>(job: &Job, allow_outside: bool, kept: &Kept<R>) -> Option<Arc<Searched<R>>> {
-    let reading = kept.readings.get(reading::key(job, allow_outside))?;
+pub fn kept<R: Record>(job: &Job, allowed: Allowed, kept: &Kept<R>) -> Option<Arc<Searched<R>>> {
+    let reading = kept.readings.get(reading::key(job, allowed))?;
     let (frame, content) = reading.from(reading::files_now(job, Some(&reading)))?;
     kept.plans.get(Search::new(job, frame).key(content))
 }
@@ -129,12 +129,12 @@ pub fn kept<R: Record>(job: &Job, allow_outside: bool, kept: &Kept<R>) -> Option
 /// If the scan cannot be read, has no seam, or the observer wants no more.
 pub fn find<R: Record, O: Observer>(
     job: &Job,
-    allow_outside: bool,
+    allowed: Allowed,
     kept: &Kept<R>,
     observer: &mut O,
     seen: impl FnOnce(&mut O) -> Option<R>,
 ) -> Result<Arc<Searched<R>>, Error> {
-    let key = reading::key(job, allow_outside);
+    let key = reading::key(job, allowed);
     let earlier = kept.readings.get(key);
     let files = reading::files_now(job, earlier.as_deref());
     if let Some((frame, content)) = earlier.and_then(|reading| reading.from(files)) {
@@ -148,7 +148,7 @@ pub fn find<R: Record, O: Observer>(
         }
     }
     observer.stage("scan");
-    let scan = read(job, allow_outside)?;
+    let scan = read(job, allowed)?;
     let content = content::of_scan(&scan);
     kept.readings.put(key, &Arc::new(Reading::new(job, &scan, content, files)));
     let search = Search::new(job, scan.frame);

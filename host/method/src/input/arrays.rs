@@ -10,7 +10,7 @@ use serde_json::Value;
 use super::camera::{Camera, Intrinsics, Rays};
 use super::manifest::{Entry, Held, Manifest};
 use super::raw::{FARTHEST, Positions, Raw};
-use super::{Error, Options, Scan, depth, manifest, memory, single, whole};
+use super::{Error, Options, Scan, depth, manifest, single, whole};
 
 /// Coordinates in the precision that the caller has.
 #[derive(Debug, Clone)]
@@ -210,7 +210,6 @@ fn rays(
         return Err(Error::malformed(path, "shape", problem, "Give an array of height x width"));
     }
     let camera = Camera::new(size_px, intrinsics, depth_scale_m);
-    memory::hold_plan(path, pixels)?;
     match camera.fault() {
         Some((field @ "depth_scale_m", problem)) => {
             Err(Error::malformed(path, field, problem, "Give the metres in one count, often 0.001"))

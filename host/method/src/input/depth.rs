@@ -10,7 +10,8 @@ use nalgebra::{Isometry3, Point3};
 use png::{BitDepth, ColorType, Decoder};
 
 use super::camera::{Camera, Distortion, Intrinsics, Rays};
-use super::{CloudFrame, Error, Options, Scan, memory, name_of, records, steps};
+use super::memory::Limit;
+use super::{CloudFrame, Error, Options, Scan, name_of, records, steps};
 use crate::geometry::cloud::View;
 
 /// What the images of a folder without intrinsics are taken for: the PrimeSense default of Open3D.
@@ -32,8 +33,13 @@ const DEFLATE_GROWTH: u64 = 1032;
 const PIXEL_BYTES: u64 = 2 + 2 + 4 + 12;
 
 /// The points of a depth image, mm, in the camera's frame: x right, y down, z forward.
-pub(super) fn points_mm(bytes: &[u8], rays: &Rays, path: &Path) -> Result<Vec<Point3<f32>>, Error> {
-    Ok(points_of(&counts(bytes, &rays.camera, path)?, rays))
+pub(super) fn points_mm(
+    bytes: &[u8],
+    rays: &Rays,
+    path: &Path,
+    limit: Limit,
+) -> Result<Vec<Point3<f32>>, Error> {
+    Ok(points_of(&counts(bytes, &rays.camera, path, limit)?, rays))
 }
 
 /// The same of its counts, row by row; there are as many as the camera has pixels.
@@ -69,7 +75,7 @@ pub(super) fn view(name: String, points_mm: Vec<Point3<f32>>, rays: &Rays) -> Vi
 }
 
 /// Depths of an image in counts, row by row.
-fn counts(bytes: &[u8], camera: &Camera, path: &Path) -> Result<Vec<u16>, Error> {
+fn counts(bytes: &[u8], camera: &Camera, path: &Path, limit: Limit) -> Result<Vec<u16>, Error> {
     let damaged = |e: png::DecodingError| damaged(&e, path);
     let mut decoder = Decoder::new(Cursor::new(bytes));
     decoder.set_ignore_text_chunk(true);
@@ -98,7 +104,7 @@ fn counts(bytes: &[u8], camera: &Camera, path: &Path) -> Result<Vec<u16>, Error>
         "PNG header",
         path,
     )?;
-    memory::hold(path, bytes.len(), "pixels", pixels, PIXEL_BYTES + camera.ray_bytes())?;
+    limit.hold(path, bytes.len(), "pixels", pixels, PIXEL_BYTES + camera.ray_bytes())?;
     let mut reader = decoder.read_info().map_err(damaged)?;
     let mut counts = vec![0; 2 * pixels as usize];
     reader.next_frame(&mut counts).map_err(damaged)?;
@@ -147,7 +153,7 @@ pub(super) fn read_single(bytes: &[u8], path: &Path, options: &Options) -> Resul
     let depth_scale_m = options.depth_scale_m.unwrap_or(PRIMESENSE.depth_scale_m);
     let camera = given(intrinsics, bytes, depth_scale_m, path)?;
     let rays = Rays::new(camera);
-    let mut scan = single(points_mm(bytes, &rays, path)?, &rays, path)?;
+    let mut scan = single(points_mm(bytes, &rays, path, options.memory)?, &rays, path)?;
     if options.depth_scale_m.is_none() {
         let words =
             "each step of the depth image is read as 1 mm; if it is another, say so with --depth-scale-m";
@@ -207,7 +213,7 @@ mod tests {
     #[test]
     fn a_count_becomes_a_point_on_the_ray_of_its_pixel() {
         let image = grey(&[65535, 0, 1000, 65534, 0, 1]);
-        let points = points_mm(&image, &Rays::new(CAMERA), Path::new("d.png")).unwrap();
+        let points = points_mm(&image, &Rays::new(CAMERA), Path::new("d.png"), Limit::default()).unwrap();
         let expected = [[250.0, -62.5, 500.0], [-16383.5, 4095.875, 32767.0], [0.25, 0.0625, 0.5]];
         assert_eq!(points, expected.map(Point3::from));
     }
@@ -217,7 +223,8 @@ mod tests {
         let distortion =
             Distortion { k1: -0.2, k2: 0.05, p1: 0.001, p2: -0.002, k3: 0.01, ..Distortion::default() };
         let camera = Camera { fx: 3.0, fy: 3.0, distortion, ..CAMERA };
-        let points = points_mm(&grey(&[1000; 6]), &Rays::new(camera), Path::new("d.png")).unwrap();
+        let points =
+            points_mm(&grey(&[1000; 6]), &Rays::new(camera), Path::new("d.png"), Limit::default()).unwrap();
         for (k, p) in points.iter().enumerate() {
             assert_eq!(p.z, 500.0);
             // Shown again by the lens, the point falls on its pixel.
@@ -233,7 +240,9 @@ mod tests {
     #[test]
     fn images_that_hold_no_depth_are_refused() {
         let refused = |bytes: &[u8], camera: &Camera, problem: &str| {
-            let error = points_mm(bytes, &Rays::new(*camera), Path::new("d.png")).unwrap_err().to_string();
+            let error = points_mm(bytes, &Rays::new(*camera), Path::new("d.png"), Limit::default())
+                .unwrap_err()
+                .to_string();
             assert!(error.contains("d.png") && error.contains(problem), "{error}");
         };
         refused(&png(3, 2, ColorType::Grayscale, BitDepth::Eight, &[0; 6]), &CAMERA, "Eight bits");

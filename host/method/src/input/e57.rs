@@ -8,7 +8,7 @@ use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vect
 
 use super::raw::{Positions, Raw};
 use super::units::Unit;
-use super::{CloudFrame, Error, Options, Scan, memory, records, view_of};
+use super::{CloudFrame, Error, Options, Scan, records, view_of};
 use crate::geometry::cloud::View;
 
 /// A point needs at least a bit in its packet: this many points to a byte.
@@ -35,7 +35,7 @@ pub(super) fn read(bytes: Vec<u8>, path: &Path, options: &Options) -> Result<Sca
     for (k, cloud) in reader.pointclouds().iter().enumerate() {
         let possible = available.saturating_mul(POINTS_PER_BYTE);
         let count = records::check_count(cloud.records, 1, possible, "points", format!("scan {k}"), path)?;
-        memory::hold(path, available, "points", count as u64, 24 + 12)?;
+        options.memory.hold(path, available, "points", count as u64, 24 + 12)?;
         let mut points = Vec::new();
         let mut simple = reader.pointcloud_simple(cloud).map_err(bad)?;
         simple.apply_pose(false);

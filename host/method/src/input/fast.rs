@@ -46,6 +46,7 @@ pub(super) fn read(path: &Path) -> Option<Raw> {
 #[cfg(all(test, feature = "pcd"))]
 mod tests {
     use super::*;
+    use crate::input::memory::Limit;
 
     #[test]
     fn a_file_gives_the_points_that_its_bytes_give_and_a_short_one_is_left_to_its_reader() {
@@ -68,8 +69,10 @@ mod tests {
             let bytes = [header.as_bytes(), &records, b"beyond"].concat();
             std::fs::write(&path, &bytes).unwrap();
             let format = format::of(&bytes, &path).unwrap();
-            let (file, memory) =
-                (read(&path).unwrap(), super::super::parse(bytes.clone(), format, &path).unwrap());
+            let (file, memory) = (
+                read(&path).unwrap(),
+                super::super::parse(bytes.clone(), format, &path, Limit::default()).unwrap(),
+            );
             assert_eq!((file.positions.len(), &file.positions), (points, &memory.positions));
             assert_eq!((file.viewpoint, file.notes), (memory.viewpoint, memory.notes));
             std::fs::write(&path, &bytes[..header.len() + records.len() - 1]).unwrap();

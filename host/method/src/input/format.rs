@@ -3,6 +3,7 @@
 
 use std::path::Path;
 
+use super::memory::Limit;
 use super::raw::Raw;
 use super::records::Records;
 use super::{Error, Options, Scan, depth, mesh, npy, stl, text, vtk};
@@ -31,7 +32,7 @@ pub(super) enum Reader {
     /// Points or a mesh in the file's own unit and frame.
     Points {
         /// The whole file.
-        parse: fn(Vec<u8>, &Path) -> Result<Raw, Error>,
+        parse: fn(Vec<u8>, &Path, Limit) -> Result<Raw, Error>,
         /// Where the fast path takes some of these files.
         records: Option<Header>,
     },
@@ -63,7 +64,7 @@ const FORMATS: &[Format] = &[
         first_line: never,
         #[cfg(feature = "ply")]
         reader: Reader::Points {
-            parse: |bytes, path| super::ply::parse(&bytes, path),
+            parse: |bytes, path, limit| super::ply::parse(&bytes, path, limit),
             records: Some(super::ply::records),
         },
         #[cfg(not(feature = "ply"))]
@@ -109,7 +110,7 @@ const FORMATS: &[Format] = &[
         first_line: never,
         #[cfg(feature = "pcd")]
         reader: Reader::Points {
-            parse: |bytes, path| super::pcd::parse(&bytes, path),
+            parse: |bytes, path, limit| super::pcd::parse(&bytes, path, limit),
             records: Some(super::pcd::records),
         },
         #[cfg(not(feature = "pcd"))]
@@ -120,21 +121,21 @@ const FORMATS: &[Format] = &[
         extensions: &["npy"],
         mark: |head| head.starts_with(npy::MARK),
         first_line: never,
-        reader: Reader::Points { parse: |bytes, path| npy::parse(&bytes, path), records: None },
+        reader: Reader::Points { parse: |bytes, path, limit| npy::parse(&bytes, path, limit), records: None },
     },
     Format {
         name: "VTK",
         extensions: &["vtk"],
         mark: |head| head.starts_with(vtk::MARK),
         first_line: never,
-        reader: Reader::Points { parse: |bytes, path| vtk::parse(&bytes, path), records: None },
+        reader: Reader::Points { parse: |bytes, path, limit| vtk::parse(&bytes, path, limit), records: None },
     },
     Format {
         name: "STL",
         extensions: &["stl"],
         mark: |bytes| stl::is_binary(bytes) || stl::is_text(bytes),
         first_line: never,
-        reader: Reader::Points { parse: stl::parse, records: None },
+        reader: Reader::Points { parse: |bytes, path, _| stl::parse(bytes, path), records: None },
     },
     Format {
         name: "scan.json",
@@ -152,14 +153,17 @@ const FORMATS: &[Format] = &[
             ["mtllib" | "o" | "g" | "usemtl", _, ..] => true,
             _ => false,
         },
-        reader: Reader::Points { parse: |bytes, path| mesh::parse_obj(&bytes, path), records: None },
+        reader: Reader::Points {
+            parse: |bytes, path, limit| mesh::parse_obj(&bytes, path, limit),
+            records: None,
+        },
     },
     Format {
         name: "XYZ/CSV",
         extensions: &["xyz", "txt", "csv", "tsv", "asc", "pts"],
         mark: |_| false,
         first_line: |words| words.len() >= 3 && words.iter().all(is_number),
-        reader: Reader::Points { parse: |bytes, path| text::parse(&bytes, path), records: None },
+        reader: Reader::Points { parse: |bytes, path, _| text::parse(&bytes, path), records: None },
     },
 ];
 

@@ -7,7 +7,7 @@ use las::Reader;
 use nalgebra::Point3;
 
 use super::Error;
-use super::memory;
+use super::memory::Limit;
 use super::raw::{Positions, Raw};
 use super::records;
 use super::units::Unit;
@@ -20,7 +20,7 @@ const LAZ_POINTS_PER_BYTE: u64 = 64;
 const CHUNK: u64 = 65_536;
 
 /// Reads a LAS or LAZ file.
-pub(super) fn parse(bytes: Vec<u8>, path: &Path) -> Result<Raw, Error> {
+pub(super) fn parse(bytes: Vec<u8>, path: &Path, limit: Limit) -> Result<Raw, Error> {
     let available = bytes.len();
     let bad = |e: las::Error| {
         Error::malformed(
@@ -35,7 +35,7 @@ pub(super) fn parse(bytes: Vec<u8>, path: &Path) -> Result<Raw, Error> {
     let possible = if packed { available.saturating_mul(LAZ_POINTS_PER_BYTE as usize) } else { available };
     let record = if packed { 1 } else { RECORD };
     let count = records::check_count(count, record, possible, "points", "number of point records", path)?;
-    memory::hold(path, available, "points", count as u64, 24 + 12)?;
+    limit.hold(path, available, "points", count as u64, 24 + 12)?;
     let mut points = Vec::with_capacity(count);
     while points.len() < count {
         let chunk = reader.read_points(CHUNK).map_err(bad)?;

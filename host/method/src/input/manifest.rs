@@ -17,6 +17,7 @@ use serde_json::Value;
 use super::camera::{Camera, Rays};
 use super::depth;
 use super::direction::Trial;
+use super::memory::Limit;
 use super::misreading::{self, Reading, Told};
 use super::raw::Raw;
 use super::transform::Mount;
@@ -157,7 +158,8 @@ pub(super) fn views(manifest: &Manifest, path: &Path, options: &Options) -> Resu
     let mut scan = Scan::of(Vec::new(), manifest.frame(), path);
     let unit = unit(manifest, options, &mut scan);
     let hand_eye = hand_eye(manifest, unit, path, &mut scan)?;
-    let job = Job { path, unit, hand_eye, rays: manifest.camera.map(Rays::new), manifest };
+    let (rays, limit) = (manifest.camera.map(Rays::new), options.memory);
+    let job = Job { path, unit, hand_eye, rays, limit, manifest };
     let read: Vec<_> = (0..manifest.views.len()).into_par_iter().map(|i| job.view(i)).collect();
     for (i, view) in read.into_iter().enumerate() {
         let (view, file, notes) = view?;
@@ -333,6 +335,7 @@ struct Job<'a> {
     unit: Unit,
     hand_eye: Option<Isometry3<f64>>,
     rays: Option<Rays>,
+    limit: Limit,
     manifest: &'a Manifest,
 }
 
@@ -380,7 +383,7 @@ impl Job<'_> {
         };
         let base_from_camera = self.base_from_camera(i)?;
         let file = self.file(name);
-        let points_mm = depth::points_mm(&read_file(&file)?, rays, &file)?;
+        let points_mm = depth::points_mm(&read_file(&file, self.limit)?, rays, &file, self.limit)?;
         let view = View { base_from_camera, ..depth::view(name_of(&file), points_mm, rays) };
         Ok((view, file, Vec::new()))
     }
@@ -414,7 +417,7 @@ impl Job<'_> {
     /// A cloud whose camera stood at `camera_mm` in the cloud's own axes.
     fn cloud(&self, name: &Path, camera_mm: Vector3<f64>) -> Result<Read, Error> {
         let file = self.file(name);
-        self.cloud_of(parsed(&file)?, file, camera_mm)
+        self.cloud_of(parsed(&file, self.limit)?, file, camera_mm)
     }
 
     fn cloud_of(&self, mut raw: Raw, file: PathBuf, camera_mm: Vector3<f64>) -> Result<Read, Error> {

@@ -4,7 +4,6 @@
 //! is held against ten times the file (and [`FREE_BYTES`], which any file may cost), and against the cap, before it is made.
 
 use std::path::Path;
-use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::Error;
 
@@ -19,19 +18,38 @@ const ASSUMED_BYTES: u64 = 4 << 30;
 /// The least memory that can be set: below it nothing can be planned.
 pub const LEAST_MB: u64 = 64;
 
-/// In bytes; 0 as long as nobody has set it. One for the process, as its memory is.
-static MOST_BYTES: AtomicU64 = AtomicU64::new(0);
-
-/// From now on nothing is read that would take more than this.
-pub fn limit_mb(mb: u64) {
-    MOST_BYTES.store(mb.max(LEAST_MB).saturating_mul(1 << 20), Ordering::Relaxed);
+/// What sets the limit that was exceeded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Bound {
+    /// Ten times the file, and [`FREE_BYTES`].
+    File,
+    /// Files of this kind are never that large.
+    Kind,
+    /// [`Limit`].
+    Memory,
 }
 
-/// The cap in bytes: as set, else half of the machine's memory.
-pub fn most_bytes() -> u64 {
-    match MOST_BYTES.load(Ordering::Relaxed) {
-        0 => machine_bytes() / 2,
-        set => set,
+impl Bound {
+    pub(super) fn words(self) -> &'static str {
+        match self {
+            Self::File => "ten times the file and 80 MB",
+            Self::Kind => "the limit of a file of this kind",
+            Self::Memory => "the limit of --memory-mb",
+        }
+    }
+}
+
+/// The most that a reading may take.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Limit {
+    bytes: u64,
+}
+
+impl Default for Limit {
+    /// Half of the machine's memory.
+    fn default() -> Self {
+        Self { bytes: machine_bytes() / 2 }
     }
 }
 
@@ -46,47 +64,61 @@ fn machine_bytes() -> u64 {
     total().unwrap_or(ASSUMED_BYTES).min(group().unwrap_or(u64::MAX))
 }
 
-/// Refuses what `count` of `what`, of `each` bytes in memory, would cost beyond what a file of `file_bytes` may.
-pub(super) fn hold(
+impl Limit {
+    /// At least [`LEAST_MB`].
+    pub const fn of_mb(mb: u64) -> Self {
+        let mb = if mb < LEAST_MB { LEAST_MB } else { mb };
+        Self { bytes: mb.saturating_mul(1 << 20) }
+    }
+
+    /// Whole megabytes.
+    pub fn mb(self) -> u64 {
+        self.bytes >> 20
+    }
+
+    /// Refuses what `count` of `what`, of `each` bytes in memory, would cost beyond what a file of `file_bytes` may.
+    pub(super) fn hold(
+        self,
+        path: &Path,
+        file_bytes: usize,
+        what: &'static str,
+        count: u64,
+        each: u64,
+    ) -> Result<(), Error> {
+        let own = (file_bytes as u64).saturating_mul(TIMES_THE_FILE).saturating_add(FREE_BYTES);
+        let bound = if own < self.bytes { Bound::File } else { Bound::Memory };
+        refuse_over(own.min(self.bytes), bound, count.saturating_mul(each), path, what, count)
+    }
+
+    /// Refuses more bytes of a file than may be kept in memory.
+    pub(super) fn hold_file(self, path: &Path, file_bytes: u64) -> Result<(), Error> {
+        refuse_over(self.bytes, Bound::Memory, file_bytes, path, "bytes", file_bytes)
+    }
+
+    /// Refuses more points than a plan has memory for.
+    pub(super) fn hold_plan(self, path: &Path, points: usize) -> Result<(), Error> {
+        let needed = (points as u64).saturating_mul(PLAN_BYTES_A_POINT);
+        refuse_over(self.bytes, Bound::Memory, needed, path, "points to plan with", points as u64)
+    }
+}
+
+/// Refuses more bytes than a file of a kind that is never large may have.
+pub(super) fn hold_kind(path: &Path, file_bytes: u64, most: u64) -> Result<(), Error> {
+    refuse_over(most, Bound::Kind, file_bytes, path, "bytes", file_bytes)
+}
+
+fn refuse_over(
+    most: u64,
+    bound: Bound,
+    needed: u64,
     path: &Path,
-    file_bytes: usize,
     what: &'static str,
     count: u64,
-    each: u64,
 ) -> Result<(), Error> {
-    let own = (file_bytes as u64).saturating_mul(TIMES_THE_FILE).saturating_add(FREE_BYTES);
-    let (needed, most) = (count.saturating_mul(each), own.min(most_bytes()));
     if needed <= most {
         return Ok(());
     }
-    let why = if most == own { "ten times the file and 80 MB" } else { "the limit of --memory-mb" };
-    Err(Error::TooLarge { path: path.into(), what, count, needed_mb: mb(needed), most_mb: mb(most), why })
-}
-
-/// Refuses more bytes of a file than may be kept in memory; `most` where its kind is never that large.
-pub(super) fn hold_file(path: &Path, file_bytes: u64, most: u64) -> Result<(), Error> {
-    let cap = most_bytes();
-    let (limit, why) = if most < cap {
-        (most, "the limit of a file of this kind")
-    } else {
-        (cap, "the limit of --memory-mb")
-    };
-    if file_bytes <= limit {
-        return Ok(());
-    }
-    let (needed_mb, most_mb) = (mb(file_bytes), mb(limit));
-    Err(Error::TooLarge { path: path.into(), what: "bytes", count: file_bytes, needed_mb, most_mb, why })
-}
-
-/// Refuses more points than a plan has memory for.
-pub(super) fn hold_plan(path: &Path, points: usize) -> Result<(), Error> {
-    let (needed, most) = ((points as u64).saturating_mul(PLAN_BYTES_A_POINT), most_bytes());
-    if needed <= most {
-        return Ok(());
-    }
-    let (count, needed_mb, most_mb) = (points as u64, mb(needed), mb(most));
-    let why = "the limit of --memory-mb";
-    Err(Error::TooLarge { path: path.into(), what: "points to plan with", count, needed_mb, most_mb, why })
+    Err(Error::TooLarge { path: path.into(), what, count, needed_mb: mb(needed), most_mb: mb(most), bound })
 }
 
 fn mb(bytes: u64) -> u64 {
@@ -99,7 +131,8 @@ mod tests {
 
     #[test]
     fn what_a_file_may_cost_grows_with_it_and_is_named_where_it_is_too_much() {
-        let path = Path::new("a.png");
+        let (path, limit) = (Path::new("a.png"), Limit::default());
+        let hold = |path, bytes, what, count, each| limit.hold(path, bytes, what, count, each);
         assert!(hold(path, 0, "pixels", FREE_BYTES / 14, 14).is_ok());
         assert!(hold(path, 137_000, "pixels", 64_000_000, 14).is_err());
         assert!(hold(path, 24_000_000, "pixels", 12_000_000, 18).is_ok());
@@ -111,10 +144,15 @@ mod tests {
     }
 
     #[test]
-    fn the_cap_is_half_of_what_the_machine_has() {
+    fn the_limit_is_half_of_what_the_machine_has_or_what_is_given() {
         assert!((1 << 20..1 << 50).contains(&machine_bytes()));
-        assert_eq!(most_bytes(), machine_bytes() / 2);
-        assert!(hold_plan(Path::new("a"), usize::MAX / 128).is_err());
-        assert!(hold_file(Path::new("a.json"), 2, 1).unwrap_err().to_string().contains("a.json"));
+        assert_eq!(Limit::default().bytes, machine_bytes() / 2);
+        let (path, small) = (Path::new("a.json"), Limit::of_mb(0));
+        assert_eq!(small.mb(), LEAST_MB);
+        assert!(small.hold_plan(path, (LEAST_MB << 20) as usize / 65).is_ok());
+        assert!(small.hold_plan(path, (LEAST_MB << 20) as usize / 65 + 1).is_err());
+        assert!(small.hold_file(path, LEAST_MB << 20).is_ok());
+        assert!(small.hold_file(path, (LEAST_MB << 20) + 1).unwrap_err().to_string().contains("--memory-mb"));
+        assert!(hold_kind(path, 2, 1).unwrap_err().to_string().contains("a.json"));
     }
 }

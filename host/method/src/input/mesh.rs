@@ -11,10 +11,9 @@ use nalgebra::{Point3, Vector3};
 
 use super::extent::Extent;
 use super::measured::{self, Maker};
+use super::memory::Limit;
 use super::raw::{FARTHEST, Positions, Raw};
-use super::{
-    Doubt, DoubtKind, Error, MeshAs, Options, StatedFrame, frame, memory, name_of, translation, whole_mm,
-};
+use super::{Doubt, DoubtKind, Error, MeshAs, Options, StatedFrame, frame, name_of, translation, whole_mm};
 use crate::geometry::cloud::View;
 use crate::geometry::mesh::Mesh;
 
@@ -26,7 +25,7 @@ const SPACING_SHARE: f64 = 1.0 / 350.0;
 const FEW_DIGITS: f64 = 1e-4;
 
 /// Reads an OBJ file; normals, textures, materials, lines and loose points are left.
-pub(super) fn parse_obj(bytes: &[u8], path: &Path) -> Result<Raw, Error> {
+pub(super) fn parse_obj(bytes: &[u8], path: &Path, limit: Limit) -> Result<Raw, Error> {
     let options = tobj::LoadOptions {
         triangulate: true,
         ignore_points: true,
@@ -34,7 +33,7 @@ pub(super) fn parse_obj(bytes: &[u8], path: &Path) -> Result<Raw, Error> {
         ..tobj::LoadOptions::default()
     };
     let mut geometry = obj_geometry(bytes);
-    hold_faces(&geometry, bytes.len(), path)?;
+    hold_faces(&geometry, bytes.len(), path, limit)?;
     let no_materials = |_: &Path| Ok((Vec::new(), Default::default()));
     let (models, _) = tobj::load_obj_buf(&mut geometry.as_slice(), &options, no_materials).map_err(|e| {
         let help = "Export the mesh again, as OBJ or as STL";
@@ -74,10 +73,10 @@ fn obj_geometry(bytes: &[u8]) -> Vec<u8> {
 const CORNER_BYTES: u64 = 24 + 12 + 24;
 
 /// Refuses polygons of so many corners that their fans would take far more than the file.
-fn hold_faces(geometry: &[u8], file_bytes: usize, path: &Path) -> Result<(), Error> {
+fn hold_faces(geometry: &[u8], file_bytes: usize, path: &Path, limit: Limit) -> Result<(), Error> {
     let faces = geometry.split(|b| *b == b'\n').filter(|line| line.starts_with(b"f "));
     let corners: usize = faces.map(|line| line.iter().filter(|b| **b == b' ').count() - 1).sum();
-    memory::hold(path, file_bytes, "corners of faces", corners as u64, CORNER_BYTES)
+    limit.hold(path, file_bytes, "corners of faces", corners as u64, CORNER_BYTES)
 }
 
 /// A mesh with at least one triangle.
@@ -371,7 +370,7 @@ mod tests {
                          f 1/1 2/1 3/1 4/1\nf 1 1 -1\n";
 
     fn sampled(text: &str) -> (View, Vec<String>) {
-        let raw = parse_obj(text.as_bytes(), Path::new("plate.obj")).unwrap();
+        let raw = parse_obj(text.as_bytes(), Path::new("plate.obj"), Limit::default()).unwrap();
         let mut notes = Vec::new();
         (sample(&raw, &raw.extent(), 1000.0, Path::new("plate.obj"), &mut notes).unwrap(), notes)
     }
@@ -407,8 +406,12 @@ mod tests {
 
     #[test]
     fn a_mesh_without_faces_and_a_wrong_index_are_refused() {
-        assert!(matches!(parse_obj(b"v 1 2 3\n", Path::new("a.obj")), Err(Error::Empty { .. })));
-        let error = parse_obj(b"v 1 2 3\nf 1 2 9\n", Path::new("a.obj")).unwrap_err().to_string();
+        assert!(matches!(
+            parse_obj(b"v 1 2 3\n", Path::new("a.obj"), Limit::default()),
+            Err(Error::Empty { .. })
+        ));
+        let error =
+            parse_obj(b"v 1 2 3\nf 1 2 9\n", Path::new("a.obj"), Limit::default()).unwrap_err().to_string();
         assert!(error.contains("a.obj") && error.contains("bounds"), "{error}");
     }
 }

@@ -6,16 +6,17 @@ use std::path::Path;
 
 use nalgebra::{Point3, Vector3};
 
+use super::memory::Limit;
 use super::raw::{Positions, Raw};
-use super::{Error, memory, records};
+use super::{Error, records};
 
 pub(super) const MARK: &[u8] = b"\x93NUMPY";
 const HELP: &str =
     "Save the points as numpy.save(\"cloud.npy\", points), an array N x 3 or H x W x 3 of numbers";
 
 /// Reads an array of points.
-pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<Raw, Error> {
-    let array = Array::of(bytes, path)?;
+pub(super) fn parse(bytes: &[u8], path: &Path, limit: Limit) -> Result<Raw, Error> {
+    let array = Array::of(bytes, path, limit)?;
     let (points, columns) = array.shape_of_points().map_err(|problem| bad(path, problem))?;
     let value = |k: usize| array.number(k);
     let at = |point: usize, column: usize| match array.fortran {
@@ -65,7 +66,7 @@ impl Kind {
 }
 
 impl<'a> Array<'a> {
-    fn of(bytes: &'a [u8], path: &Path) -> Result<Self, Error> {
+    fn of(bytes: &'a [u8], path: &Path, limit: Limit) -> Result<Self, Error> {
         let short = || bad(path, "the file ends within it");
         let version = *bytes.get(6).ok_or_else(short)?;
         let (length, begin) = match version {
@@ -120,7 +121,7 @@ impl<'a> Array<'a> {
         let elements = elements.ok_or_else(|| bad(path, "its shape is too large for any file"))?;
         let data = &bytes[end..];
         records::check_count(elements, kind.bytes() as u64, data.len(), "numbers", "shape", path)?;
-        memory::hold(path, bytes.len(), "numbers", elements, 8)?;
+        limit.hold(path, bytes.len(), "numbers", elements, 8)?;
         Ok(Self { data, kind, big_endian: order == ">", fortran, shape })
     }
 
@@ -177,7 +178,7 @@ mod tests {
     }
 
     fn read(bytes: &[u8]) -> Result<Raw, Error> {
-        parse(bytes, Path::new("a.npy"))
+        parse(bytes, Path::new("a.npy"), Limit::default())
     }
 
     fn points(bytes: &[u8]) -> Vec<[f64; 3]> {

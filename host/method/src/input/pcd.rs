@@ -10,7 +10,7 @@ use pcd_rs::metas::{DataKind, PcdMeta, Schema, ValueKind};
 use pcd_rs::record::PcdDeserialize;
 
 use super::Error;
-use super::memory;
+use super::memory::Limit;
 use super::raw::{Positions, Raw};
 use super::records::{self, Layout, Records, Width};
 
@@ -18,7 +18,7 @@ use super::records::{self, Layout, Records, Width};
 const LZF_GROWTH: u64 = 88;
 
 /// Reads a PCD file.
-pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<Raw, Error> {
+pub(super) fn parse(bytes: &[u8], path: &Path, limit: Limit) -> Result<Raw, Error> {
     let mut data = bytes;
     let meta = PcdMeta::from_reader(&mut data).map_err(|e| bad_header(&e, path))?;
     let columns = Columns::of(&meta.field_defs, path)?;
@@ -29,7 +29,7 @@ pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<Raw, Error> {
             let normals = records::normals(&data[..count * layout.stride], layout).collect();
             (records::positions(data, layout, count), normals)
         }
-        _ => by_library(bytes, bytes.len() - data.len(), &columns, count, path)?,
+        _ => by_library(bytes, bytes.len() - data.len(), &columns, count, path, limit)?,
     };
     Ok(Raw { normals, ..described(positions, &meta, path)? })
 }
@@ -172,12 +172,13 @@ fn by_library(
     columns: &Columns,
     count: usize,
     path: &Path,
+    limit: Limit,
 ) -> Result<(Positions, Vec<Vector3<f32>>), Error> {
     let header_lines = bytes[..header].iter().filter(|b| **b == b'\n').count();
     let place = |i: usize| format!("point {i} (line {} if ascii)", header_lines + i + 1);
     let bad = |i: usize, problem: String| Error::malformed(path, place(i), problem, CUT_OFF);
     let reader = Reader::<Xyz, _>::from_reader(bytes).map_err(|e| bad(0, e.to_string()))?;
-    memory::hold(path, bytes.len(), "points", count as u64, columns.record + POINT_BYTES)?;
+    limit.hold(path, bytes.len(), "points", count as u64, columns.record + POINT_BYTES)?;
     let mut points = Vec::with_capacity(count);
     let mut normals = Vec::new();
     for (i, record) in reader.enumerate() {
@@ -340,7 +341,7 @@ mod tests {
     #[test]
     fn every_encoding_gives_the_same_points() {
         for bytes in [binary(), compressed(), ascii()] {
-            same(&parse(&bytes, Path::new("a.pcd")).unwrap().positions);
+            same(&parse(&bytes, Path::new("a.pcd"), Limit::default()).unwrap().positions);
         }
     }
 
@@ -350,7 +351,7 @@ mod tests {
         let meta = PcdMeta::from_reader(&bytes[..]).unwrap();
         let columns = Columns::of(&meta.field_defs, Path::new("a.pcd")).unwrap();
         assert!(columns.layout.is_some());
-        same(&by_library(&bytes, 0, &columns, 3, Path::new("a.pcd")).unwrap().0);
+        same(&by_library(&bytes, 0, &columns, 3, Path::new("a.pcd"), Limit::default()).unwrap().0);
     }
 
     #[test]
@@ -368,7 +369,7 @@ mod tests {
             format!("{}{words}\n", header("ascii")).into_bytes(),
             [header("binary").into_bytes(), bytes].concat(),
         ] {
-            let raw = parse(&file, Path::new("a.pcd")).unwrap();
+            let raw = parse(&file, Path::new("a.pcd"), Limit::default()).unwrap();
             assert_eq!(raw.normals, [Vector3::new(0.0, 0.6, -0.8), Vector3::x()]);
             assert_eq!(raw.positions.at(1), Vector3::new(4.0, 5.0, 6.0));
         }
@@ -378,16 +379,19 @@ mod tests {
     fn double_precision_and_integers_keep_their_digits() {
         let text = "VERSION .7\nFIELDS x y z\nSIZE 8 8 8\nTYPE F F F\nWIDTH 1\nHEIGHT 1\nPOINTS 1\nDATA ascii\n\
                     1000000.0625 2 3\n";
-        let raw = parse(text.as_bytes(), Path::new("a.pcd")).unwrap();
+        let raw = parse(text.as_bytes(), Path::new("a.pcd"), Limit::default()).unwrap();
         assert_eq!(raw.positions.at(0).x, 1_000_000.062_5);
         let whole = text.replace("TYPE F F F", "TYPE I I I").replace(".0625", "");
-        assert_eq!(parse(whole.as_bytes(), Path::new("a.pcd")).unwrap().positions.at(0).x, 1e6);
+        assert_eq!(
+            parse(whole.as_bytes(), Path::new("a.pcd"), Limit::default()).unwrap().positions.at(0).x,
+            1e6
+        );
     }
 
     #[test]
     fn errors_name_the_place() {
         let refused = |bytes: &[u8], place: &str| {
-            let error = parse(bytes, Path::new("a.pcd")).unwrap_err().to_string();
+            let error = parse(bytes, Path::new("a.pcd"), Limit::default()).unwrap_err().to_string();
             assert!(error.contains("a.pcd") && error.contains(place), "{error}");
         };
         let text = String::from_utf8(ascii()).unwrap();

@@ -12,7 +12,7 @@ use ply_rs_bw::ply::{
 };
 
 use super::Error;
-use super::memory;
+use super::memory::Limit;
 use super::mesh;
 use super::raw::{Positions, Raw};
 use super::records::{self, Layout, Records, Width};
@@ -22,8 +22,11 @@ const EXPORT: &str = "Export the cloud again as PLY with x, y and z per vertex";
 const CUT_OFF: &str = "The file is cut off or damaged here: copy or export it again";
 
 /// Reads a PLY file.
-pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<Raw, Error> {
+pub(super) fn parse(bytes: &[u8], path: &Path, limit: Limit) -> Result<Raw, Error> {
     let Begin { header, lines, bytes: begin, points, layout } = Begin::of(bytes, bytes.len(), path)?;
+    if layout.is_none() {
+        hold_rows(&header, bytes.len(), path, limit)?;
+    }
     let data = &bytes[begin..];
     let raw = match layout {
         Some(layout) => {
@@ -31,9 +34,9 @@ pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<Raw, Error> {
             Raw { normals, ..Raw::from(records::positions(data, layout, points)) }
         }
         None if header.encoding == Encoding::Ascii => {
-            from_rows(&ascii_rows(data, lines, &header, path)?, bytes.len(), path)?
+            from_rows(&ascii_rows(data, lines, &header, path)?, bytes.len(), path, limit)?
         }
-        None => from_rows(&binary_rows(data, &header, path)?, bytes.len(), path)?,
+        None => from_rows(&binary_rows(data, &header, path)?, bytes.len(), path, limit)?,
     };
     Ok(Raw { unit: stated_unit(&header), ..raw })
 }
@@ -68,9 +71,6 @@ impl Begin {
         let vertex = vertex_of(&header, path)?;
         let faces = header.elements.get("face").filter(|face| face.count > 0 && indices_of(face).is_some());
         let layout = fast_layout(&header, vertex).filter(|_| faces.is_none() && !has_camera(&header));
-        if layout.is_none() {
-            hold_rows(&header, length, path)?;
-        }
         let points = vertex.count;
         Ok(Self { header, lines, bytes, points, layout })
     }
@@ -117,9 +117,9 @@ fn check_elements(header: &Header, available: usize, path: &Path) -> Result<(), 
 }
 
 /// Refuses rows that would take far more than the file: an empty list is one byte there.
-fn hold_rows(header: &Header, file_bytes: usize, path: &Path) -> Result<(), Error> {
+fn hold_rows(header: &Header, file_bytes: usize, path: &Path, limit: Limit) -> Result<(), Error> {
     let rows: usize = header.elements.values().take(needed(header)).map(|element| element.count).sum();
-    memory::hold(path, file_bytes, "rows", rows as u64, (size_of::<Row>() + size_of::<Point3<f64>>()) as u64)
+    limit.hold(path, file_bytes, "rows", rows as u64, (size_of::<Row>() + size_of::<Point3<f64>>()) as u64)
 }
 
 /// Least size of a row: in ASCII a digit and a separator per number, in binary every list empty, but that of a face: with
@@ -348,9 +348,9 @@ fn ascii_row(line: &[u8], element: &ElementDef) -> Result<Row, String> {
     Ok(row)
 }
 
-fn from_rows(rows: &Rows, file_bytes: usize, path: &Path) -> Result<Raw, Error> {
+fn from_rows(rows: &Rows, file_bytes: usize, path: &Path, limit: Limit) -> Result<Raw, Error> {
     let corners: usize = rows.faces.iter().map(|face| face.indices.len()).sum();
-    memory::hold(path, file_bytes, "corners of faces", corners as u64, size_of::<[usize; 3]>() as u64)?;
+    limit.hold(path, file_bytes, "corners of faces", corners as u64, size_of::<[usize; 3]>() as u64)?;
     let vertices: Vec<_> = rows.vertices.iter().map(|row| Point3::from(row.xyz)).collect();
     let mut triangles = Vec::new();
     for (i, face) in rows.faces.iter().enumerate() {
@@ -422,7 +422,7 @@ mod tests {
     }
 
     fn read(bytes: &[u8]) -> Vec<[f64; 3]> {
-        let raw = parse(bytes, Path::new("a.ply")).unwrap();
+        let raw = parse(bytes, Path::new("a.ply"), Limit::default()).unwrap();
         (0..raw.positions.len()).map(|i| raw.positions.at(i).into()).collect()
     }
 
@@ -484,10 +484,10 @@ mod tests {
         let text = "ply\nformat ascii 1.0\ncomment made by X, length unit = meters\nelement vertex 4\n\
                     property float x\nproperty float y\nproperty float z\nelement face 1\n\
                     property list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n1 1 0\n.0 1. 0\n4 0 1 2 3\n";
-        let raw = parse(text.as_bytes(), Path::new("a.ply")).unwrap();
+        let raw = parse(text.as_bytes(), Path::new("a.ply"), Limit::default()).unwrap();
         assert_eq!((raw.triangles, raw.unit), (vec![[0, 1, 2], [0, 2, 3]], Some(Unit::Metre)));
         let wrong = text.replace("4 0 1 2 3", "4 0 1 2 4");
-        let error = parse(wrong.as_bytes(), Path::new("a.ply")).unwrap_err().to_string();
+        let error = parse(wrong.as_bytes(), Path::new("a.ply"), Limit::default()).unwrap_err().to_string();
         assert!(error.contains("face 0") && error.contains("vertex 4 of 4"), "{error}");
     }
 
@@ -495,7 +495,7 @@ mod tests {
     fn errors_name_the_place() {
         let xyz = "property float x\nproperty float y\nproperty float z";
         let refused = |bytes: Vec<u8>, place: &str| {
-            let error = parse(&bytes, Path::new("a.ply")).unwrap_err().to_string();
+            let error = parse(&bytes, Path::new("a.ply"), Limit::default()).unwrap_err().to_string();
             assert!(error.contains("a.ply") && error.contains(place), "{error}");
         };
         refused([header("ascii", xyz, 2), b"1 2 3\n1 two 3\n".to_vec()].concat(), "line 9");

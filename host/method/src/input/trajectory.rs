@@ -15,6 +15,7 @@ use serde_json::Value;
 use super::camera::{Camera, Rays};
 use super::depth::{self, PRIMESENSE};
 use super::direction::Trial;
+use super::memory::Limit;
 use super::misreading::{self, Reading, Told};
 use super::transform::{Fault, from_quaternion, from_rows};
 use super::units::Unit;
@@ -46,7 +47,8 @@ pub(super) fn read_folder(folder: &Path, options: &Options) -> Result<Scan, Erro
     let poses = matched(poses, &images, &file)?;
     let (camera, assumed) = camera(folder, &images[0], options)?;
     let rays = Rays::new(camera);
-    let read: Vec<_> = images.par_iter().zip(poses).map(|(image, pose)| view(image, &rays, pose)).collect();
+    let read: Vec<_> =
+        images.par_iter().zip(poses).map(|(image, pose)| view(image, &rays, pose, options.memory)).collect();
     let views = read.into_iter().collect::<Result<Vec<View>, Error>>()?;
     let (views, blind): (Vec<_>, Vec<_>) = views.into_iter().partition(|view| !view.points_mm.is_empty());
     if views.is_empty() {
@@ -70,13 +72,16 @@ fn camera(folder: &Path, image: &Path, options: &Options) -> Result<(Camera, Opt
     let usual_m = if folder.join(TUM_LIST).is_file() { TUM_SCALE_M } else { PRIMESENSE.depth_scale_m };
     let depth_scale_m = options.depth_scale_m.unwrap_or(usual_m);
     if let Some(intrinsics) = &options.intrinsics {
-        return Ok((depth::given(intrinsics, &read_file(image)?, depth_scale_m, image)?, None));
+        return Ok((
+            depth::given(intrinsics, &read_file(image, options.memory)?, depth_scale_m, image)?,
+            None,
+        ));
     }
     let Some((file, value)) = intrinsics_in(folder)? else {
         return Ok((Camera { depth_scale_m, ..PRIMESENSE }, Some(depth::assumed_camera())));
     };
     let bad = |(place, problem): (&str, String), help: &str| Error::malformed(&file, place, problem, help);
-    let size_px = depth::size_px(&read_file(image)?, image)?;
+    let size_px = depth::size_px(&read_file(image, options.memory)?, image)?;
     let camera = intrinsics::parse(&value, size_px, depth_scale_m)
         .map_err(|(problem, help)| bad(("camera", problem), help))?;
     match camera.fault() {
@@ -180,8 +185,8 @@ fn check_reading(views: &[View], poses: &[Isometry3<f64>], file: &Path) -> Resul
     }
 }
 
-fn view(image: &Path, rays: &Rays, base_from_camera: Isometry3<f64>) -> Result<View, Error> {
-    let points_mm = depth::points_mm(&read_file(image)?, rays, image)?;
+fn view(image: &Path, rays: &Rays, base_from_camera: Isometry3<f64>, limit: Limit) -> Result<View, Error> {
+    let points_mm = depth::points_mm(&read_file(image, limit)?, rays, image, limit)?;
     Ok(View {
         name: name_of(image),
         points_mm,

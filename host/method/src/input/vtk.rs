@@ -4,16 +4,17 @@ use std::path::Path;
 
 use nalgebra::Point3;
 
+use super::memory::Limit;
 use super::raw::{Positions, Raw};
-use super::{Error, memory, mesh, records};
+use super::{Error, mesh, records};
 
 pub(super) const MARK: &[u8] = b"# vtk DataFile Version";
 const HELP: &str =
     "Save it again as a legacy VTK file, or as PLY or PCD, for instance with ParaView or CloudCompare";
 
 /// Reads the points, and the polygons where there are any.
-pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<Raw, Error> {
-    let mut file = Cursor { rest: bytes, lines: 0, bytes: bytes.len(), path };
+pub(super) fn parse(bytes: &[u8], path: &Path, limit: Limit) -> Result<Raw, Error> {
+    let mut file = Cursor { rest: bytes, lines: 0, bytes: bytes.len(), path, limit };
     let mut ascii = None;
     let mut points: Option<Vec<Point3<f64>>> = None;
     let mut polygons: Option<Vec<[usize; 3]>> = None;
@@ -67,6 +68,7 @@ struct Cursor<'a> {
     /// Of the whole file.
     bytes: usize,
     path: &'a Path,
+    limit: Limit,
 }
 
 impl<'a> Cursor<'a> {
@@ -92,7 +94,7 @@ impl<'a> Cursor<'a> {
             _ => return Err(self.bad(format!("points are of the type {kind:?}, not float or double"))),
         };
         let number = self.count(number, if ascii { 6 } else { 3 * width as u64 }, ascii, "points")?;
-        memory::hold(self.path, self.bytes, "points", number as u64, 24)?;
+        self.limit.hold(self.path, self.bytes, "points", number as u64, 24)?;
         let mut next = || self.number(ascii, width);
         let read: Option<_> = (0..number).map(|_| Some(Point3::new(next()?, next()?, next()?))).collect();
         read.ok_or_else(|| self.bad("a coordinate is missing or no number".into()))
@@ -107,7 +109,13 @@ impl<'a> Cursor<'a> {
     ) -> Result<Vec<[usize; 3]>, Error> {
         let number = number.parse().map_err(|_| self.bad(format!("{number:?} is no count")))?;
         let size = self.count(size, if ascii { 2 } else { 4 }, ascii, "numbers")?;
-        memory::hold(self.path, self.bytes, "corners of faces", size as u64, size_of::<[usize; 3]>() as u64)?;
+        self.limit.hold(
+            self.path,
+            self.bytes,
+            "corners of faces",
+            size as u64,
+            size_of::<[usize; 3]>() as u64,
+        )?;
         let numbers: Option<Vec<usize>> = (0..size).map(|_| self.whole(ascii)).collect();
         let numbers = numbers.ok_or_else(|| self.bad("an index is missing or no number".into()))?;
         fans(&numbers, number, corners).map_err(|problem| self.bad(problem))
@@ -168,7 +176,7 @@ mod tests {
     }
 
     fn read(bytes: &[u8]) -> Result<Raw, Error> {
-        parse(bytes, Path::new("a.vtk"))
+        parse(bytes, Path::new("a.vtk"), Limit::default())
     }
 
     #[test]

@@ -6,25 +6,34 @@ use serde::{Deserialize, Serialize};
 
 use crate::run::job::Job;
 use crate::run::kept::{self, Digest, Key, content};
+use weldpath_method::input::memory::Limit;
 use weldpath_method::input::{self, CloudFrame, Scan};
+
+/// What a reading may do, which no job says: a job may come from somebody else.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Allowed {
+    /// Whether a `scan.json` may name files outside its folder.
+    pub outside: bool,
+    /// The most memory that reading and planning may take.
+    pub memory: Limit,
+}
 
 /// Reads the input that the job names, and what was there before.
 ///
 /// # Errors
 /// If there is no input, one of them cannot be read, or both are not in one frame.
-pub fn read(job: &Job, allow_outside: bool) -> Result<Scan, input::Error> {
-    over_background(input::read(work(job), &options(job, allow_outside))?, job, allow_outside)
+pub fn read(job: &Job, allowed: Allowed) -> Result<Scan, input::Error> {
+    over_background(input::read(work(job), &options(job, allowed))?, job, allowed)
 }
 
 /// A scan over what the job says was there before.
 ///
 /// # Errors
 /// If that cannot be read, or both are not in one frame.
-pub fn over_background(scan: Scan, job: &Job, allow_outside: bool) -> Result<Scan, input::Error> {
+pub fn over_background(scan: Scan, job: &Job, allowed: Allowed) -> Result<Scan, input::Error> {
     let Some(background) = &job.exclude.background else { return Ok(scan) };
     // What is said of the work's cloud is not said of another.
-    let options =
-        input::Options { camera_mm: None, frame: None, mesh_as: None, ..options(job, allow_outside) };
+    let options = input::Options { camera_mm: None, frame: None, mesh_as: None, ..options(job, allowed) };
     scan.over(input::read(background, &options)?)
 }
 
@@ -33,7 +42,7 @@ fn work(job: &Job) -> &Path {
 }
 
 /// How the job says that its input is read.
-pub fn options(job: &Job, allow_outside: bool) -> input::Options {
+pub fn options(job: &Job, allowed: Allowed) -> input::Options {
     input::Options {
         units: job.units,
         intrinsics: job.intrinsics,
@@ -41,15 +50,18 @@ pub fn options(job: &Job, allow_outside: bool) -> input::Options {
         camera_mm: job.camera_mm,
         frame: job.frame,
         mesh_as: job.mesh_as,
-        allow_outside,
+        allow_outside: allowed.outside,
+        memory: allowed.memory,
     }
 }
 
 /// The key of what the job names and how it says that it is read.
-pub(super) fn key(job: &Job, allow_outside: bool) -> Key {
+pub(super) fn key(job: &Job, allowed: Allowed) -> Key {
     let mut digest = Digest::default();
     digest.shown(&kept::program());
-    digest.shown(&(work(job), &job.exclude.background, options(job, allow_outside)));
+    // What fits into memory is the same however much there is.
+    let allowed = Allowed { memory: Limit::of_mb(0), ..allowed };
+    digest.shown(&(work(job), &job.exclude.background, options(job, allowed)));
     digest.end()
 }
 
@@ -108,6 +120,8 @@ mod tests {
     use super::*;
     use std::fs;
 
+    const OUTSIDE: Allowed = Allowed { outside: true, memory: Limit::of_mb(1 << 20) };
+
     /// A scan of one point, its hand-eye transform in a file of its own, and whatever lies beside them.
     fn scan(home: &Path, outside: &str) -> Job {
         let folder = home.join("scan");
@@ -126,7 +140,7 @@ mod tests {
 
     fn taken(job: &Job, earlier: Option<&Reading>) -> Reading {
         let before = files_now(job, earlier);
-        let scan = read(job, true).unwrap();
+        let scan = read(job, OUTSIDE).unwrap();
         Reading::new(job, &scan, content::of_scan(&scan), before)
     }
 
@@ -171,7 +185,7 @@ mod tests {
         let home = tempfile::tempdir().unwrap();
         let job = scan(home.path(), "a.xyz");
         let before = files_now(&job, None);
-        let scan = read(&job, true).unwrap();
+        let scan = read(&job, OUTSIDE).unwrap();
         fs::write(home.path().join("scan/a.xyz"), "0.1 0.2 0.6\n").unwrap();
         let reading = Reading::new(&job, &scan, content::of_scan(&scan), before);
         assert_eq!(reading.from(files_now(&job, Some(&reading))), None);
@@ -180,9 +194,9 @@ mod tests {
 
     #[test]
     fn how_a_scan_is_read_is_in_the_key() {
-        let plain = key(&Job::default(), false);
-        assert_ne!(plain, key(&Job::default(), true));
-        let text = |text: &str| key(&Job::parse(text, Path::new("job.toml")).unwrap(), false);
+        let plain = key(&Job::default(), Allowed::default());
+        assert_ne!(plain, key(&Job::default(), OUTSIDE));
+        let text = |text: &str| key(&Job::parse(text, Path::new("job.toml")).unwrap(), Allowed::default());
         assert_eq!(plain, text("[path]\nfeed_mm_s = 3"));
         for other in ["units = \"mm\"", "frame = \"base\"", "input = \"a\"", "camera_mm = [1, 2, 3]"] {
             assert_ne!(plain, text(other), "{other}");
