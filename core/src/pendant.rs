@@ -9,28 +9,30 @@
 mod command;
 mod drive;
 mod jog;
+mod path;
 mod place;
 mod report;
 mod ring;
 mod robot;
+mod session;
 
 use crate::interlock::{
     ArcTimes, ArcTimesMs, Event, Fault, Inputs, Interlock, Motion, Outputs, Refused, State,
 };
 use crate::wire::frame::{Damage, Received};
 use crate::wire::{
-    self, Answer, Attach, AttachRefusal, Chunk, ChunkRefusal, ChunkRefused, Counters, Firmware, FromHost,
-    FromPendant, Hello, HelloAck, HelloRefusal, HelloRefused, HostMessage, JogLimits, Limits, PendantMessage,
-    Ping, Sample, Telemetry, Unreadable, WireHandFrame, WireJog, WirePatch, WirePose, port,
+    Answer, Chunk, ChunkRefusal, ChunkRefused, Firmware, FromHost, FromPendant, HostMessage, JogLimits,
+    Limits, PendantMessage, Sample, Telemetry, Unreadable, WireHandFrame, WireJog, WirePatch, WirePose, port,
 };
+use drive::Machine;
 pub use drive::{ALPHA_ONE, set_point};
-use drive::{Drive, Machine};
-use jog::Jogging;
+use path::Path;
 use report::{Periods, Report};
 use ring::{Dynamics, Placed, Ring};
 pub use ring::{Slot, Slots};
-use robot::Monitor;
 pub use robot::PortConfig;
+use robot::{Monitor, Robot};
+use session::Host;
 
 /// Speed of the way back before a Resume, µm/s: slow enough for corners without a plan.
 const RETRACE_UM_S: f32 = 5_000.0;
@@ -287,58 +289,19 @@ pub struct SetPoint {
     pub pose: WirePose,
 }
 
-#[derive(Debug, Clone, Copy)]
-struct Session {
-    id: u32,
-    nonce: u32,
-}
-
-/// Signs of life: the newest count, and the pendant's own tick that came back with it.
-#[derive(Debug, Clone, Copy, Default)]
-struct Life {
-    count: u32,
-    echo: u32,
-}
-
-/// Numbers and reply of the control messages of a session.
-#[derive(Debug, Clone, Copy, Default)]
-struct Requests {
-    last: u16,
-    reply: Option<Answer>,
-}
-
 /// The device end. `RING`: waypoints it can hold, in `S`.
 #[derive(Debug, Clone)]
 pub struct Pendant<const RING: usize, S = [Slot; RING]> {
     config: Config,
     limits: Limits,
     machine: Machine,
-    boot: u32,
-    session: Option<Session>,
-    life: Life,
-    silence_ticks: u32,
-    requests: Requests,
-    used_path: Option<u16>,
+    host: Host,
     interlock: Interlock,
-    changes: u16,
     panel: Panel,
-    ring: Ring<RING, S>,
-    loaded: bool,
-    drive: Drive,
-    started: bool,
-    finished: Option<u16>,
-    /// The flange itself until a session has set one.
-    tool: WirePose,
-    has_tool: bool,
-    torch_from_flange: WirePose,
-    pose: WirePose,
-    known: bool,
-    confirm_pressed: bool,
-    rewelds: bool,
-    jogging: Jogging,
-    robot: Option<Monitor>,
+    path: Path<RING, S>,
+    robot: Robot,
     report: Report,
-    counters: Counters,
+    /// The clock of all of them.
     ticks: u32,
 }
 
@@ -359,31 +322,12 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
             config: *config,
             limits: config.limits(Ring::<RING, S>::CAPACITY),
             machine: config.machine(),
-            boot,
-            session: None,
-            life: Life::default(),
-            silence_ticks: config.ticks(config.silence_ms),
-            requests: Requests::default(),
-            used_path: None,
+            host: Host::new(boot, config.ticks(config.silence_ms)),
             interlock: Interlock::new(arc),
-            changes: 0,
             panel: Panel::default(),
-            ring: Ring::new(slots),
-            loaded: false,
-            drive: Drive::new(),
-            started: false,
-            finished: None,
-            tool: WirePose::IDENTITY,
-            has_tool: false,
-            torch_from_flange: WirePose::IDENTITY,
-            pose: WirePose::IDENTITY,
-            known: false,
-            confirm_pressed: true,
-            rewelds: false,
-            jogging: Jogging::default(),
-            robot: config.port.map(|port| Monitor::new(port, boot)),
+            path: Path::new(slots),
+            robot: Robot::new(config.port.map(|port| Monitor::new(port, boot))),
             report: Report::new(periods),
-            counters: Counters::default(),
             ticks: 0,
         })
     }
@@ -395,22 +339,22 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
 
     /// Id of the path that is loaded or being loaded.
     pub fn path(&self) -> Option<u16> {
-        self.loaded.then(|| self.ring.begin().path)
+        self.path.begin().map(|begin| begin.path)
     }
 
     /// `flange_from_torch` as the session has set it.
     pub fn tool(&self) -> Option<&WirePose> {
-        self.has_tool.then_some(&self.tool)
+        self.robot.tool.as_ref().map(|tool| &tool.flange_from_torch)
     }
 
     /// Speed along the path, µm/s.
     pub fn speed_um_s(&self) -> f32 {
-        self.drive.speed_um_s()
+        self.path.drive.speed_um_s
     }
 
     /// The board lost this many received bytes.
     pub fn overrun(&mut self, bytes: u16) {
-        self.counters.overrun = self.counters.overrun.wrapping_add(bytes);
+        self.report.counters.overrun = self.report.counters.overrun.wrapping_add(bytes);
     }
 
     /// One set-point period: reads the pins, moves the torch, says what the pins have to be.
@@ -421,11 +365,11 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
             self.report.hurry();
         }
         self.panel = *panel;
-        if !self.is_heard() {
+        if !self.host.is_heard(self.ticks) {
             self.fire_own(Event::LinkSilent);
         }
         self.watch_robot();
-        if self.state() == State::Running && self.drive.is_starved(&self.ring, &self.machine) {
+        if self.state() == State::Running && self.path.is_starved(&self.machine) {
             self.fire_own(Event::Underrun);
         }
         self.fire_own(Event::Tick);
@@ -433,32 +377,27 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
         self.advance_jog();
         let outputs = self.interlock.outputs(&self.inputs());
         let feed = if panel.manual { self.limits.manual_feed_um_s } else { self.limits.max_feed_um_s };
-        let set_point = self.started.then(|| self.follow(&outputs, feed as f32)).flatten();
+        let set_point = self.path.drive.started.then(|| self.follow(&outputs, feed as f32)).flatten();
         let motion = self.enables_motion(&outputs);
-        let robot = self.command_robot(set_point.as_ref(), motion, outputs.arc);
+        let torch = set_point.as_ref().map(|at| &at.pose);
+        let robot = self.robot.command(torch, self.ticks, motion, outputs.arc);
         Tick { outputs, set_point, motion, robot }
     }
 
     fn enables_motion(&self, outputs: &Outputs) -> bool {
         let stops = outputs.motion == Motion::EmergencyStop;
-        let jogs = self.jogged().is_some();
-        jogs || (matches!(self.state(), State::Running | State::Holding) && !stops && self.panel.enable)
+        let jogs = self.robot.jogging.commanded.is_some();
+        jogs || (self.follows() && !stops && self.panel.enable)
     }
 
     fn follow(&mut self, outputs: &Outputs, feed_limit_um_s: f32) -> Option<SetPoint> {
-        self.drive.advance(&self.ring, outputs.motion, feed_limit_um_s, &self.machine);
-        // A hold ends the way back; gas that still flows after the arc only delays it.
-        if self.state() != State::Running && !self.drive.is_moving() {
-            self.drive.retrace(0.0);
-        }
-        self.ring.release(self.drive.segment());
-        let segment = self.drive.segment();
-        let alpha_q24 = self.drive.alpha_q24(&self.ring);
-        let pose = self.drive.pose(&self.ring, alpha_q24)?;
-        self.pose = pose;
+        let runs = self.state() == State::Running;
+        let at = self.path.follow(runs, outputs.motion, feed_limit_um_s, &self.machine)?;
+        let SetPoint { segment, alpha_q24, pose } = at;
+        self.robot.place.commanded = pose;
         let sample = Sample { tick: self.ticks, segment, alpha_q24, pose, arc: outputs.arc };
         self.report.executed(|| sample);
-        Some(SetPoint { segment, alpha_q24, pose })
+        Some(at)
     }
 
     /// Takes what a delimiter completed.
@@ -468,7 +407,7 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
             Received::Payload(payload) => match FromHost::decode(payload) {
                 Ok(frame) => self.handle(frame),
                 Err(why) => {
-                    self.counters.unread = self.counters.unread.wrapping_add(1);
+                    self.report.counters.unread = self.report.counters.unread.wrapping_add(1);
                     self.send(PendantMessage::Unread(why))
                 }
             },
@@ -477,9 +416,9 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
 
     fn count(&mut self, damage: Damage) -> Action {
         let counter = match damage {
-            Damage::Framing => &mut self.counters.framing,
-            Damage::Crc => &mut self.counters.crc,
-            Damage::Oversize => &mut self.counters.oversize,
+            Damage::Framing => &mut self.report.counters.framing,
+            Damage::Crc => &mut self.report.counters.crc,
+            Damage::Oversize => &mut self.report.counters.oversize,
         };
         *counter = counter.wrapping_add(1);
         match damage {
@@ -491,18 +430,14 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
     /// Not inlined: the copies it makes of a message would add to the stack that decoding needs.
     #[inline(never)]
     fn handle(&mut self, frame: FromHost) -> Action {
-        match frame.message {
-            HostMessage::Hello(hello) => return self.hello(&hello),
-            HostMessage::Attach(attach) => return self.attach(&attach),
-            _ => {}
-        }
-        if self.session.is_none_or(|session| session.id != frame.session) {
-            let message = PendantMessage::NoSession { boot: self.boot };
-            return Action::Send(FromPendant { session: frame.session, message });
-        }
+        let known = self.host.has(frame.session);
         match frame.message {
             HostMessage::Hello(hello) => self.hello(&hello),
             HostMessage::Attach(attach) => self.attach(&attach),
+            _ if !known => {
+                let message = PendantMessage::NoSession { boot: self.host.boot };
+                Action::Send(FromPendant { session: frame.session, message })
+            }
             HostMessage::Control { request, command } => self.control(request, command),
             HostMessage::Chunk(chunk) => self.chunk(&chunk),
             HostMessage::Ping(ping) => self.ping(&ping),
@@ -513,133 +448,25 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
         }
     }
 
-    /// The only sign of life. It has to be ahead of all before it, and is as old as the pendant's own time that it brings
-    /// back: one that was recorded, repeated or delayed keeps nobody's torch moving.
-    fn ping(&mut self, ping: &Ping) -> Action {
-        let age = self.ticks.wrapping_sub(ping.echo);
-        let ahead = ping.count.wrapping_sub(self.life.count) as i32 > 0;
-        let fresh = age <= self.silence_ticks && age <= self.ticks.wrapping_sub(self.life.echo);
-        if ahead && fresh {
-            self.life = Life { count: ping.count, echo: ping.echo };
-        } else {
-            self.counters.stale = self.counters.stale.wrapping_add(1);
-        }
-        self.send(PendantMessage::Pong { token: ping.token, tick: self.ticks })
-    }
-
-    /// A Hello that is repeated is answered again; another host's is refused while this one is alive. Neither counts
-    /// as a sign of life, so that a storm of them cannot keep a dead host's torch moving.
-    fn hello(&mut self, hello: &Hello) -> Action {
-        if let Some(why) = self.refuse_hello(hello) {
-            return self.send(PendantMessage::HelloRefused(HelloRefused { nonce: hello.nonce, why }));
-        }
-        if self.session.is_none_or(|session| session.nonce != hello.nonce) {
-            self.open_session(hello.nonce);
-            self.requests = Requests::default();
-            self.used_path = None;
-            self.finished = None;
-            self.forget_tool();
-            self.report.subscribe(0);
-            self.fire_own(Event::NewSession);
-        }
-        self.acknowledge(hello.nonce)
-    }
-
-    fn open_session(&mut self, nonce: u32) {
-        let id = wire::session_id(self.boot, nonce);
-        self.session = Some(Session { id, nonce });
-        if let Some(robot) = &mut self.robot {
-            robot.open(id);
-        }
-        self.life = Life { count: 0, echo: self.ticks };
-    }
-
-    fn acknowledge(&self, nonce: u32) -> Action {
-        self.send(PendantMessage::HelloAck(HelloAck {
-            version: wire::VERSION,
-            nonce,
-            boot: self.boot,
-            tick: self.ticks,
-            request: self.requests.last,
-            firmware: self.config.firmware,
-            limits: self.limits,
-        }))
-    }
-
-    /// A host goes on with the path of one that was lost, in a session of its own, so that nothing that the lost one may
-    /// still have on the line counts. Its requests go on from the last number.
-    fn attach(&mut self, attach: &Attach) -> Action {
-        let nonce = attach.hello.nonce;
-        if self.session.is_some_and(|session| session.nonce == nonce) {
-            return self.acknowledge(nonce);
-        }
-        if let Some(why) = self.refuse_version(&attach.hello) {
-            return self.send(PendantMessage::HelloRefused(HelloRefused { nonce, why }));
-        }
-        if let Err(why) = self.check_attach(attach) {
-            return self.send(PendantMessage::AttachRefused { nonce, why });
-        }
-        self.open_session(nonce);
-        self.requests.reply = None;
-        self.changes = self.changes.wrapping_add(1);
-        self.fire_own(Event::Attach);
-        self.report.hurry();
-        self.acknowledge(nonce)
-    }
-
-    fn check_attach(&self, attach: &Attach) -> Result<(), AttachRefusal> {
-        if self.session.is_none_or(|session| session.nonce != attach.former) {
-            return Err(AttachRefusal::Session);
-        }
-        if self.is_heard() || !self.stands() {
-            return Err(AttachRefusal::Busy);
-        }
-        if self.state() != State::Held {
-            return Err(AttachRefusal::State(self.state()));
-        }
-        let same =
-            self.path() == Some(attach.path) && self.ring.is_sealed() && self.ring.digest() == attach.digest;
-        if same { Ok(()) } else { Err(AttachRefusal::Path) }
-    }
-
-    fn refuse_version(&self, hello: &Hello) -> Option<HelloRefusal> {
-        if hello.version != wire::VERSION {
-            return Some(HelloRefusal::Version { host: hello.version, pendant: wire::VERSION });
-        }
-        if hello.schema != wire::SCHEMA {
-            return Some(HelloRefusal::Schema { host: hello.schema, pendant: wire::SCHEMA });
-        }
-        None
-    }
-
-    fn refuse_hello(&self, hello: &Hello) -> Option<HelloRefusal> {
-        let same = self.session.is_some_and(|session| session.nonce == hello.nonce);
-        let alive = self.session.is_some() && self.is_heard();
-        let busy = !same && (alive || !self.stands());
-        self.refuse_version(hello).or(busy.then_some(HelloRefusal::Busy))
-    }
-
-    /// Whether the session's newest fresh ping is within the silence limit.
-    fn is_heard(&self) -> bool {
-        self.session.is_some() && self.ticks.wrapping_sub(self.life.echo) <= self.silence_ticks
+    /// Whether the torch goes along the path, or comes to a stop on it.
+    fn follows(&self) -> bool {
+        matches!(self.state(), State::Running | State::Holding)
     }
 
     /// Whether nothing moves nor is about to.
     fn stands(&self) -> bool {
-        !self.drive.is_moving() && !matches!(self.state(), State::Running | State::Holding)
+        !self.path.drive.is_moving() && !self.follows()
     }
 
     fn chunk(&mut self, chunk: &Chunk) -> Action {
-        if !self.loaded || chunk.path != self.ring.begin().path {
-            return self.refuse_chunk(chunk, 0, ChunkRefusal::Path);
-        }
-        let known = self.ring.next();
-        match self.ring.place(chunk, &self.limits) {
-            Ok(Placed::New) => self.ring.replan(known, self.drive.segment(), &self.config.dynamics()),
-            Ok(Placed::Duplicate) => self.counters.duplicate = self.counters.duplicate.wrapping_add(1),
+        match self.path.place(chunk, &self.limits, &self.config.dynamics()) {
+            Ok(Placed::New) => {}
+            Ok(Placed::Duplicate) => {
+                self.report.counters.duplicate = self.report.counters.duplicate.wrapping_add(1);
+            }
             Err((at, why)) => return self.refuse_chunk(chunk, at, why),
         }
-        self.send(PendantMessage::Ack(self.ring.ack()))
+        self.send(PendantMessage::Ack(self.path.ring.ack()))
     }
 
     fn refuse_chunk(&mut self, chunk: &Chunk, at: u8, why: ChunkRefusal) -> Action {
@@ -657,14 +484,15 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
         } else if self.report.due_telemetry() {
             PendantMessage::Telemetry(self.telemetry())
         } else {
-            self.report.due_samples(!self.started)?
+            self.report.due_samples(!self.path.drive.started)?
         };
-        Some(self.frame(message))
+        Some(self.host.frame(message))
     }
 
     /// The state as the host sees it.
     pub fn telemetry(&self) -> Telemetry {
         let outputs = self.interlock.outputs(&self.inputs());
+        let drive = &self.path.drive;
         let bits = [
             self.panel.e_stop,
             self.panel.enable,
@@ -682,55 +510,46 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
         Telemetry {
             tick: self.ticks,
             state: self.state(),
-            changes: self.changes,
+            changes: self.report.changes,
             cause: self.interlock.cause(),
             fault: self.interlock.fault(),
             arc: self.interlock.arc_phase(),
             pins: bits.into_iter().rev().fold(0, |pins, bit| pins << 1 | u16::from(bit)),
-            finished: self.finished,
-            load: self.loaded.then(|| self.ring.ack()),
-            segment: self.drive.segment(),
-            alpha_q24: self.drive.alpha_q24(&self.ring),
-            speed_um_s: self.drive.speed_um_s() as u32,
-            pose: self.pose,
-            counters: self.counters,
-            robot: self.robot.as_ref().and_then(Monitor::report),
+            finished: self.path.finished,
+            load: self.path.ack(),
+            segment: drive.segment,
+            alpha_q24: self.path.alpha_q24(),
+            speed_um_s: drive.speed_um_s as u32,
+            pose: self.robot.place.commanded,
+            counters: self.report.counters,
+            robot: self.robot.port.as_ref().and_then(Monitor::report),
             tool: self.tool().copied(),
         }
     }
 
-    fn frame(&self, message: PendantMessage) -> FromPendant {
-        FromPendant { session: self.session.map_or(0, |session| session.id), message }
-    }
-
     fn send(&self, message: PendantMessage) -> Action {
-        Action::Send(self.frame(message))
+        Action::Send(self.host.frame(message))
     }
 
     /// Levels for the interlock.
     fn inputs(&self) -> Inputs {
-        let on_path = self.started;
+        let path = &self.path;
+        let (started, manual) = (path.drive.started, self.panel.manual);
         Inputs {
             e_stop: self.panel.e_stop,
             enable: self.panel.enable,
             local_reset: self.panel.local_reset,
             established: self.panel.established,
-            moving: self.drive.is_moving(),
-            weld: on_path && self.drive.wants_weld(&self.ring),
-            run_end: on_path && self.drive.is_at_run_end(&self.ring),
-            path_end: on_path && self.ring.is_sealed() && self.drive.is_at_path_end(&self.ring),
-            prefilled: self.loaded && self.ring.is_prefilled(),
-            manual: self.panel.manual,
-            too_fast: on_path && self.panel.manual && self.is_too_fast(),
-            rewelds: self.rewelds,
+            moving: path.drive.is_moving(),
+            weld: started && path.wants_weld(),
+            run_end: started && path.is_at_run_end(),
+            path_end: started && path.ring.is_sealed() && path.is_at_end(),
+            prefilled: path.loaded && path.ring.is_prefilled(),
+            manual,
+            too_fast: started && manual && path.welds_faster(self.limits.manual_feed_um_s),
+            rewelds: path.drive.rewelds,
             defect: self.panel.defect,
         }
-    }
-
-    /// Whether the segment under the torch is to be welded faster than manual mode allows.
-    fn is_too_fast(&self) -> bool {
-        let here = self.ring.get(self.drive.segment()).map(|slot| slot.waypoint);
-        here.is_some_and(|waypoint| waypoint.weld && waypoint.feed_um_s > self.limits.manual_feed_um_s)
     }
 
     /// An event that nobody waits to see accepted.
@@ -744,26 +563,15 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
         let (next, _, verdict) = before.step(event, &inputs);
         self.interlock = next;
         if next.state() != before.state() {
-            self.changes = self.changes.wrapping_add(1);
-        }
-        if next.state() != before.state() || next.is_armed() != before.is_armed() {
+            self.report.changed();
+        } else if next.is_armed() != before.is_armed() {
             self.report.hurry();
         }
         self.note_fault(before.state(), before.fault());
         if !self.keeps_path() {
-            self.drop_path(inputs.path_end && !before.is_cut_short() && self.state() != State::Fault);
+            self.path.close(inputs.path_end && !before.is_cut_short() && self.state() != State::Fault);
         }
         verdict
-    }
-
-    fn drop_path(&mut self, finished: bool) {
-        if finished {
-            self.finished = Some(self.ring.begin().path);
-        }
-        self.loaded = false;
-        self.started = false;
-        self.rewelds = false;
-        self.drive = Drive::new();
     }
 
     fn note_fault(&mut self, state: State, fault: Option<Fault>) {
@@ -777,18 +585,20 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
         match self.state() {
             State::Disabled | State::Idle => false,
             State::Loading | State::Ready | State::Running | State::Holding | State::Held => true,
-            State::Fault => self.drive.is_moving(),
+            State::Fault => self.path.drive.is_moving(),
         }
     }
 
     /// Gives the result of a [`Task`]; it is cached for repetitions of the request.
     pub fn answer(&mut self, request: u16, mut answer: Answer) -> Action {
-        if request != self.requests.last || self.requests.reply.is_some() {
+        if request != self.host.requests.last || self.host.requests.reply.is_some() {
             return Action::Idle;
         }
         if let Answer::Pose(camera) = &mut answer {
-            self.jog_to(&camera.pose);
-            camera.actual = self.robot_torch();
+            if self.may_jog().is_ok() {
+                self.robot.jog_to(&camera.pose, &self.limits.jog);
+            }
+            camera.actual = self.robot.port.as_ref().and_then(Monitor::torch);
         }
         self.reply(answer)
     }

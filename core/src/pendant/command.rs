@@ -1,27 +1,27 @@
 //! Commands: executed at most once, in order, with the reply kept for those who ask again.
 
-use super::drive::Drive;
-use super::ring::{Ring, Slots};
-use super::robot::inverted;
-use super::{Action, Pendant, Requests, Task};
+use super::ring::Slots;
+use super::robot::Tool;
+use super::session::Requests;
+use super::{Action, Pendant, Task};
 use crate::interlock::{ArcTimes, ArcTimesMs, Event, Refused, State};
 use crate::wire::{
-    Answer, Begin, Command, Field, Hand, JogLimits, MAX_CHUNK, PendantMessage, ProcessTimes, Refusal,
-    WireHandFrame, WireJog, WirePatch, WirePose,
+    Answer, Begin, Command, Field, Hand, JogLimits, PendantMessage, ProcessTimes, Refusal, WireHandFrame,
+    WireJog, WirePatch, WirePose,
 };
 
 impl<const RING: usize, S: Slots> Pendant<RING, S> {
     /// The same number again gets the kept reply; only the next number is executed; any other is old and ignored.
     pub(super) fn control(&mut self, request: u16, command: Command) -> Action {
-        if request == self.requests.last {
+        if request == self.host.requests.last {
             let again =
-                self.requests.reply.map(|answer| self.send(PendantMessage::Reply { request, answer }));
+                self.host.requests.reply.map(|answer| self.send(PendantMessage::Reply { request, answer }));
             return again.unwrap_or(Action::Idle);
         }
-        if request != self.requests.last.wrapping_add(1) {
+        if request != self.host.requests.last.wrapping_add(1) {
             return Action::Idle;
         }
-        self.requests = Requests { last: request, reply: None };
+        self.host.requests = Requests { last: request, reply: None };
         match self.execute(command) {
             Ok(Executed::Now(answer)) => self.reply(answer),
             Ok(Executed::Later(task)) => Action::Perform { request, task },
@@ -30,8 +30,8 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
     }
 
     pub(super) fn reply(&mut self, answer: Answer) -> Action {
-        self.requests.reply = Some(answer);
-        self.send(PendantMessage::Reply { request: self.requests.last, answer })
+        self.host.requests.reply = Some(answer);
+        self.send(PendantMessage::Reply { request: self.host.requests.last, answer })
     }
 
     fn execute(&mut self, command: Command) -> Result<Executed, Refusal> {
@@ -44,7 +44,7 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
             Command::Begin(begin) => self.begin(&begin)?,
             Command::Commit { path, digest } => self.commit(path, digest)?,
             Command::Abort { path } => {
-                self.named(path)?;
+                self.path.named(path)?;
                 self.ask(Event::Abort)?;
             }
             Command::ArcArm { armed } => self.arm(armed)?,
@@ -68,7 +68,8 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
         self.allows(&Moving::Hands)?;
         let hands = checked_hands(hands)?;
         let time_ms = (u64::from(self.ticks) * u64::from(self.config.tick_us) / 1000) as u32;
-        let (anew, from) = (self.begin_jogging(), self.jog_from());
+        let anew = !core::mem::replace(&mut self.robot.jogging.begun, true);
+        let from = self.robot.jog_from();
         Ok(Executed::Later(Task::HandFrame { hands, time_ms, anew, from }))
     }
 
@@ -76,7 +77,7 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
         if armed {
             self.allows(&Moving::Arc)?;
         }
-        if armed && (!self.config.can_weld || self.loaded && !self.ring.begin().arc) {
+        if armed && (!self.config.can_weld || self.path.begin().is_some_and(|begin| !begin.arc)) {
             return Err(Refusal::ArcBarred);
         }
         self.ask(Event::Arm(armed))
@@ -91,12 +92,12 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
     /// A robot at the port goes where its flange has to be: without a tool that would be where the torch has to be; and
     /// one that is silent or does not follow goes nowhere.
     fn allows(&self, what: &Moving) -> Result<(), Refusal> {
-        if self.robot.is_some() && !self.has_tool && *what != Moving::Tool {
+        if self.robot.port.is_some() && self.robot.tool.is_none() && *what != Moving::Tool {
             return Err(Refusal::NoTool);
         }
         match what {
             // It moves every set-point: only where none may be followed, nor a held path gone on with.
-            Moving::Tool if !self.stands() || self.jogs() => return Err(Refusal::Moving),
+            Moving::Tool if !self.stands() || self.robot.jogging.begun => return Err(Refusal::Moving),
             Moving::Tool if self.state() == State::Held => return Err(Refusal::State(State::Held)),
             Moving::Tool | Moving::Arc => return Ok(()),
             Moving::Camera(_) if !self.stands() => return Err(Refusal::Moving),
@@ -106,11 +107,11 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
                 self.interlock.step(*event, &self.inputs()).2.map_err(|refused| self.refusal(refused))?;
             }
         }
-        if self.robot.as_ref().is_some_and(|robot| !robot.is_ready()) {
+        if self.robot.port.as_ref().is_some_and(|robot| !robot.is_ready()) {
             return Err(Refusal::Robot);
         }
         match what {
-            Moving::Camera(start) if self.robot.is_some() => self.check_near(start),
+            Moving::Camera(start) if self.robot.port.is_some() => self.robot.check_near(start, &self.limits),
             Moving::Path(_) => self.check_place().and_then(|()| self.check_speed()),
             _ => Ok(()),
         }
@@ -120,7 +121,7 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
     fn check_speed(&self) -> Result<(), Refusal> {
         let feed_um_s = self.limits.manual_feed_um_s;
         let bound = self.panel.manual && self.interlock.is_armed();
-        let faster = bound.then(|| self.ring.faster_weld(self.drive.segment(), feed_um_s)).flatten();
+        let faster = bound.then(|| self.path.ring.faster_weld(self.path.drive.segment, feed_um_s)).flatten();
         faster.map_or(Ok(()), |at| Err(Refusal::TooFast { at }))
     }
 
@@ -134,12 +135,8 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
             Refused::NotEnabled => Refusal::NotEnabled,
             Refused::EStop => Refusal::EStop,
             Refused::NotResumable(cause) => Refusal::NotResumable(cause),
-            Refused::TooFast => Refusal::TooFast { at: self.drive.segment() },
+            Refused::TooFast => Refusal::TooFast { at: self.path.drive.segment },
         }
-    }
-
-    fn named(&self, path: u16) -> Result<(), Refusal> {
-        if self.loaded && self.ring.begin().path == path { Ok(()) } else { Err(Refusal::Path) }
     }
 
     fn set_tool(&mut self, tool: &WirePose) -> Result<(), Refusal> {
@@ -148,36 +145,18 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
         if tool.distance_um(&WirePose::IDENTITY) > LONGEST_TOOL_UM {
             return Err(Refusal::Value(Field::Tool));
         }
-        let torch_from_flange = inverted(tool).ok_or(Refusal::Value(Field::Orientation))?;
-        self.has_tool = true;
-        self.replace_tool(*tool, torch_from_flange);
+        let tool = Tool::new(*tool).ok_or(Refusal::Value(Field::Orientation))?;
+        self.robot.carry(Some(tool));
+        self.report.hurry();
         Ok(())
     }
 
-    /// A session that begins has set no tool.
-    pub(super) fn forget_tool(&mut self) {
-        self.has_tool = false;
-        self.replace_tool(WirePose::IDENTITY, WirePose::IDENTITY);
-    }
-
-    fn replace_tool(&mut self, tool: WirePose, torch_from_flange: WirePose) {
-        (self.tool, self.torch_from_flange) = (tool, torch_from_flange);
-        if let Some(robot) = &mut self.robot {
-            robot.retool(&tool);
-        }
-        self.report.hurry();
-    }
-
     fn begin(&mut self, begin: &Begin) -> Result<(), Refusal> {
-        self.check_begin(begin)?;
+        self.path.check(begin, &self.limits)?;
         let times = self.arc_times(&begin.times).ok_or(Refusal::Value(Field::Time))?;
         self.ask(Event::Begin)?;
         self.interlock = self.interlock.timed(times);
-        self.used_path = Some(begin.path);
-        self.ring.open(begin);
-        self.loaded = true;
-        self.started = false;
-        self.drive = Drive::new();
+        self.path.open(begin);
         Ok(())
     }
 
@@ -194,64 +173,46 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
         ArcTimes::new(&ms, self.config.tick_us)
     }
 
-    fn check_begin(&self, begin: &Begin) -> Result<(), Refusal> {
-        let limits = &self.limits;
-        let value = |fits: bool, field| if fits { Ok(()) } else { Err(Refusal::Value(field)) };
-        // Ids are serial numbers: a chunk of an earlier path of this session never fits a later one.
-        if self.used_path.is_some_and(|used| begin.path.wrapping_sub(used) as i16 <= 0) {
-            return Err(Refusal::Path);
-        }
-        value(begin.total >= 2, Field::Count)?;
-        value((1..=MAX_CHUNK).contains(&usize::from(begin.chunk)), Field::Chunk)?;
-        value(begin.reach_um <= limits.reach_um, Field::Reach)?;
-        value(begin.max_step_um <= limits.max_step_um, Field::Step)?;
-        value(begin.min_half_turn_cos_q15 >= limits.min_half_turn_cos_q15, Field::Turn)?;
-        if !begin.streamed && begin.total > Ring::<RING, S>::CAPACITY {
-            return Err(Refusal::TooLong { capacity: Ring::<RING, S>::CAPACITY });
-        }
-        Ok(())
-    }
-
     fn commit(&mut self, path: u16, digest: u32) -> Result<(), Refusal> {
-        self.named(path)?;
-        if !self.ring.is_complete() {
-            return Err(Refusal::Incomplete { next: self.ring.next() });
+        self.path.named(path)?;
+        if !self.path.ring.is_complete() {
+            return Err(Refusal::Incomplete { next: self.path.ring.next() });
         }
-        let computed = self.ring.digest();
+        let computed = self.path.ring.digest();
         if computed != digest {
             self.fire_own(Event::BadDigest);
             return Err(Refusal::Digest { computed });
         }
-        self.ring.seal();
+        self.path.ring.seal();
         self.ask(Event::Committed)
     }
 
     fn start(&mut self, path: u16) -> Result<(), Refusal> {
-        self.named(path)?;
+        self.path.named(path)?;
         self.allows(&Moving::Path(Event::Start))?;
         self.ask(Event::Start)?;
         // Where the robot has to be until the first set-point says more: before, this was the end of another path.
-        if let Some(first) = self.ring.get(0) {
-            self.pose = first.waypoint.pose;
+        if let Some(first) = self.path.first() {
+            self.robot.place.commanded = first;
         }
-        self.started = true;
+        self.path.drive.started = true;
         Ok(())
     }
 
     fn resume(&mut self, path: u16, changes: u16, back_um: u32) -> Result<(), Refusal> {
-        self.named(path)?;
-        let now = self.changes;
+        self.path.named(path)?;
+        let now = self.report.changes;
         if self.state() == State::Held && changes != now {
             return Err(Refusal::Stale { changes: now });
         }
-        if back_um as f32 > self.drive.kept_um(&self.ring) {
+        if back_um as f32 > self.path.kept_um() {
             return Err(Refusal::Value(Field::Back));
         }
         self.allows(&Moving::Path(Event::Resume))?;
         // A crater that was cut short is welded over from before it, or stays short.
-        self.rewelds = back_um > 0;
+        self.path.drive.rewelds = back_um > 0;
         self.ask(Event::Resume)?;
-        self.drive.retrace(back_um as f32);
+        self.path.drive.back_um = back_um as f32;
         Ok(())
     }
 }

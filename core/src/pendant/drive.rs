@@ -4,7 +4,9 @@
 //! can still stop, or slow down, before whatever asks for it: with `r` to go to a waypoint that may be passed at `w`,
 //! `v² + 2 a v dt <= w² + 2 a r`. It then never leaves the planned speeds and never brakes harder than `a`.
 
-use super::ring::{Ring, Slot, Slots};
+use super::SetPoint;
+use super::path::Path;
+use super::ring::{Slot, Slots};
 use crate::interlock::Motion;
 use crate::math;
 use crate::path::interpolation::Segment;
@@ -27,190 +29,186 @@ pub(super) struct Machine {
     pub(super) retrace_um_s: f32,
 }
 
-/// The torch on its path.
-#[derive(Debug, Clone)]
+/// The torch on its path, at first at the start.
+#[derive(Debug, Clone, Default)]
 pub(super) struct Drive {
-    segment: u32,
+    pub(super) started: bool,
+    /// A crater that was cut short is welded over.
+    pub(super) rewelds: bool,
+    pub(super) segment: u32,
+    pub(super) speed_um_s: f32,
     along_um: f32,
-    speed_um_s: f32,
-    back_um: f32,
+    /// To go back before going on.
+    pub(super) back_um: f32,
     interpolated: Option<(u32, Segment)>,
 }
 
 impl Drive {
-    pub(super) const fn new() -> Self {
-        Self { segment: 0, along_um: 0.0, speed_um_s: 0.0, back_um: 0.0, interpolated: None }
-    }
-
-    pub(super) fn segment(&self) -> u32 {
-        self.segment
-    }
-
-    pub(super) fn speed_um_s(&self) -> f32 {
-        self.speed_um_s
-    }
-
     pub(super) fn is_moving(&self) -> bool {
         self.speed_um_s > 0.0
     }
+}
 
-    /// Stands at once, without a way to stop in.
-    pub(super) fn stand(&mut self) {
-        self.speed_um_s = 0.0;
-    }
-
+impl<const RING: usize, S: Slots> Path<RING, S> {
     /// How far one could go back.
-    pub(super) fn kept_um<const N: usize, S: Slots>(&self, ring: &Ring<N, S>) -> f32 {
-        ring.kept_um(self.segment) + self.along_um
+    pub(super) fn kept_um(&self) -> f32 {
+        self.ring.kept_um(self.drive.segment) + self.drive.along_um
     }
 
-    /// Go back this far before going on.
-    pub(super) fn retrace(&mut self, back_um: f32) {
-        self.back_um = back_um;
+    fn here(&self) -> Option<&Slot> {
+        self.ring.get(self.drive.segment)
+    }
+
+    fn end(&self) -> Option<&Slot> {
+        self.ring.get(self.drive.segment.checked_add(1)?)
     }
 
     /// Whether the segment is to be welded now: not on the way back.
-    pub(super) fn wants_weld<const N: usize, S: Slots>(&self, ring: &Ring<N, S>) -> bool {
-        self.back_um <= 0.0 && ring.get(self.segment).is_some_and(|slot| slot.waypoint.weld)
+    pub(super) fn wants_weld(&self) -> bool {
+        self.drive.back_um <= 0.0 && self.here().is_some_and(|slot| slot.waypoint.weld)
+    }
+
+    /// Whether the segment is to be welded faster than this.
+    pub(super) fn welds_faster(&self, feed_um_s: u32) -> bool {
+        self.here().is_some_and(|slot| slot.waypoint.weld && slot.waypoint.feed_um_s > feed_um_s)
     }
 
     /// Standing where a run of equally welded segments ends.
-    pub(super) fn is_at_run_end<const N: usize, S: Slots>(&self, ring: &Ring<N, S>) -> bool {
-        if self.is_moving() || self.back_um > 0.0 {
+    pub(super) fn is_at_run_end(&self) -> bool {
+        if self.drive.is_moving() || self.drive.back_um > 0.0 {
             return false;
         }
-        let (Some(from), Some(to)) = (ring.get(self.segment), self.end(ring)) else { return false };
-        let changes = from.waypoint.weld != to.waypoint.weld || self.ends_path(ring);
-        changes && self.along_um >= to.approach_um
+        let (Some(from), Some(to)) = (self.here(), self.end()) else { return false };
+        let changes = from.waypoint.weld != to.waypoint.weld || self.ends();
+        changes && self.drive.along_um >= to.approach_um
     }
 
     /// Standing at the end of the whole path.
-    pub(super) fn is_at_path_end<const N: usize, S: Slots>(&self, ring: &Ring<N, S>) -> bool {
-        self.ends_path(ring) && self.is_at_run_end(ring)
+    pub(super) fn is_at_end(&self) -> bool {
+        self.ends() && self.is_at_run_end()
     }
 
-    fn ends_path<const N: usize, S: Slots>(&self, ring: &Ring<N, S>) -> bool {
-        self.segment.saturating_add(2) == ring.begin().total
-    }
-
-    fn end<'r, const N: usize, S: Slots>(&self, ring: &'r Ring<N, S>) -> Option<&'r Slot> {
-        ring.get(self.segment.checked_add(1)?)
+    fn ends(&self) -> bool {
+        self.drive.segment.saturating_add(2) == self.ring.begin().total
     }
 
     /// The path received so far ends within the stopping distance, and it is not the committed end.
-    pub(super) fn is_starved<const N: usize, S: Slots>(&self, ring: &Ring<N, S>, machine: &Machine) -> bool {
-        if ring.is_sealed() {
+    pub(super) fn is_starved(&self, machine: &Machine) -> bool {
+        if self.ring.is_sealed() {
             return false;
         }
-        let ahead_um = ring.next().checked_sub(1).and_then(|last| ring.length_um(self.segment, last));
-        let stop_um = self.speed_um_s * (self.speed_um_s / (2.0 * machine.accel_um_s2) + machine.tick_s);
-        ahead_um.unwrap_or(0.0) - self.along_um <= stop_um
+        let Drive { segment, speed_um_s, along_um, .. } = self.drive;
+        let ahead_um = self.ring.next().checked_sub(1).and_then(|last| self.ring.length_um(segment, last));
+        let stop_um = speed_um_s * (speed_um_s / (2.0 * machine.accel_um_s2) + machine.tick_s);
+        ahead_um.unwrap_or(0.0) - along_um <= stop_um
     }
 
-    /// One tick.
-    pub(super) fn advance<const N: usize, S: Slots>(
+    /// One tick; `runs` unless something holds it.
+    pub(super) fn follow(
         &mut self,
-        ring: &Ring<N, S>,
+        runs: bool,
         motion: Motion,
         feed_limit_um_s: f32,
         machine: &Machine,
-    ) {
-        if self.back_um > 0.0 {
-            return self.go_back(ring, motion, feed_limit_um_s, machine);
+    ) -> Option<SetPoint> {
+        self.advance(motion, feed_limit_um_s, machine);
+        // A hold ends the way back; gas that still flows after the arc only delays it.
+        if !runs && !self.drive.is_moving() {
+            self.drive.back_um = 0.0;
         }
-        if motion == Motion::Pass && self.is_at_run_end(ring) {
-            self.pass(ring);
+        self.ring.release(self.drive.segment);
+        let alpha_q24 = self.alpha_q24();
+        Some(SetPoint { segment: self.drive.segment, alpha_q24, pose: self.pose(alpha_q24)? })
+    }
+
+    fn advance(&mut self, motion: Motion, feed_limit_um_s: f32, machine: &Machine) {
+        if self.drive.back_um > 0.0 {
+            return self.go_back(motion, feed_limit_um_s, machine);
+        }
+        if motion == Motion::Pass && self.is_at_run_end() {
+            self.pass();
             return;
         }
-        let (Some(from), Some(to)) = (ring.get(self.segment), self.end(ring)) else {
-            self.speed_um_s = 0.0;
+        let (Some(from), Some(to)) = (self.here(), self.end()) else {
+            self.drive.speed_um_s = 0.0;
             return;
         };
         let feed = (from.waypoint.feed_um_s as f32).min(feed_limit_um_s).min(to.fastest_um_s);
-        let allowed = machine.speed_before(to.pass_speed2, to.approach_um - self.along_um);
-        self.speed_um_s = machine.next_speed(self.speed_um_s, motion, feed).min(allowed);
-        self.go_on(ring, self.speed_um_s * machine.tick_s);
+        let allowed = machine.speed_before(to.pass_speed2, to.approach_um - self.drive.along_um);
+        self.drive.speed_um_s = machine.next_speed(self.drive.speed_um_s, motion, feed).min(allowed);
+        self.go_on(self.drive.speed_um_s * machine.tick_s);
     }
 
     /// On to the next segment, if it is there.
-    fn pass<const N: usize, S: Slots>(&mut self, ring: &Ring<N, S>) {
-        if self.segment.checked_add(2).is_some_and(|index| ring.get(index).is_some()) {
-            self.segment += 1;
-            self.along_um = 0.0;
+    fn pass(&mut self) {
+        if self.drive.segment.checked_add(2).is_some_and(|index| self.ring.get(index).is_some()) {
+            self.drive.segment += 1;
+            self.drive.along_um = 0.0;
         }
     }
 
-    fn go_on<const N: usize, S: Slots>(&mut self, ring: &Ring<N, S>, step_um: f32) {
-        self.along_um += step_um;
+    fn go_on(&mut self, step_um: f32) {
+        self.drive.along_um += step_um;
         for _ in 0..MAX_PASSED {
-            let Some(end) = self.end(ring) else { return };
-            let over_um = self.along_um - end.approach_um;
-            if end.pass_speed2 <= 0.0 {
+            let Some(&Slot { approach_um, pass_speed2, .. }) = self.end() else { return };
+            let over_um = self.drive.along_um - approach_um;
+            if pass_speed2 <= 0.0 {
                 if over_um > -ARRIVED_UM {
-                    self.along_um = end.approach_um;
-                    self.speed_um_s = 0.0;
+                    self.drive.along_um = approach_um;
+                    self.drive.speed_um_s = 0.0;
                 }
                 return;
             }
             if over_um < 0.0 {
                 return;
             }
-            self.segment += 1;
-            self.along_um = over_um;
+            self.drive.segment += 1;
+            self.drive.along_um = over_um;
         }
     }
 
     /// One tick of the way back, at a speed that needs no plan for corners.
-    fn go_back<const N: usize, S: Slots>(
-        &mut self,
-        ring: &Ring<N, S>,
-        motion: Motion,
-        feed_limit_um_s: f32,
-        machine: &Machine,
-    ) {
+    fn go_back(&mut self, motion: Motion, feed_limit_um_s: f32, machine: &Machine) {
+        let drive = &mut self.drive;
         let feed = machine.retrace_um_s.min(feed_limit_um_s);
-        let allowed = machine.speed_before(0.0, self.back_um);
-        self.speed_um_s = machine.next_speed(self.speed_um_s, motion, feed).min(allowed);
-        let step_um = self.speed_um_s * machine.tick_s;
-        self.back_um -= step_um;
-        self.along_um -= step_um;
+        let allowed = machine.speed_before(0.0, drive.back_um);
+        drive.speed_um_s = machine.next_speed(drive.speed_um_s, motion, feed).min(allowed);
+        let step_um = drive.speed_um_s * machine.tick_s;
+        drive.back_um -= step_um;
+        drive.along_um -= step_um;
         for _ in 0..MAX_PASSED {
-            let Some(start) = ring.get(self.segment) else { break };
-            if self.along_um >= 0.0 || self.segment == 0 {
+            let Some(start) = self.ring.get(drive.segment) else { break };
+            if drive.along_um >= 0.0 || drive.segment == 0 {
                 break;
             }
-            self.segment -= 1;
-            self.along_um += start.approach_um;
+            drive.segment -= 1;
+            drive.along_um += start.approach_um;
         }
-        self.along_um = self.along_um.max(0.0);
-        if self.back_um < ARRIVED_UM {
-            self.back_um = 0.0;
-            self.speed_um_s = 0.0;
+        drive.along_um = drive.along_um.max(0.0);
+        if drive.back_um < ARRIVED_UM {
+            drive.back_um = 0.0;
+            drive.speed_um_s = 0.0;
         }
     }
 
     /// Share of the segment, 2^24 = 1.
-    pub(super) fn alpha_q24<const N: usize, S: Slots>(&self, ring: &Ring<N, S>) -> u32 {
-        let length_um = self.end(ring).map_or(0.0, |end| end.approach_um);
+    pub(super) fn alpha_q24(&self) -> u32 {
+        let length_um = self.end().map_or(0.0, |end| end.approach_um);
         if length_um > 0.0 {
-            ((self.along_um / length_um * ALPHA_ONE as f32) as u32).min(ALPHA_ONE)
+            ((self.drive.along_um / length_um * ALPHA_ONE as f32) as u32).min(ALPHA_ONE)
         } else {
             0
         }
     }
 
     /// The pose the torch has to have now; the segment's constants are computed once.
-    pub(super) fn pose<const N: usize, S: Slots>(
-        &mut self,
-        ring: &Ring<N, S>,
-        alpha_q24: u32,
-    ) -> Option<WirePose> {
-        let segment = match &self.interpolated {
-            Some((index, segment)) if *index == self.segment => segment,
+    fn pose(&mut self, alpha_q24: u32) -> Option<WirePose> {
+        let segment = match &self.drive.interpolated {
+            Some((index, segment)) if *index == self.drive.segment => segment,
             _ => {
-                let (from, to) = (ring.get(self.segment)?, self.end(ring)?);
-                let segment = Segment::new(&from.waypoint.pose.to_pose()?, &to.waypoint.pose.to_pose()?);
-                &self.interpolated.insert((self.segment, segment)).1
+                let (from, to) =
+                    (self.here()?.waypoint.pose.to_pose()?, self.end()?.waypoint.pose.to_pose()?);
+                &self.drive.interpolated.insert((self.drive.segment, Segment::new(&from, &to))).1
             }
         };
         WirePose::from_pose(&segment.at(share(alpha_q24)))

@@ -1,7 +1,8 @@
 //! Hands move the camera: only in Idle, enabled, with the key in manual, and by the pendant's own clock.
 
+use super::drive::Machine;
 use super::ring::turn_mrad;
-use super::robot::compose;
+use super::robot::{Monitor, Robot};
 use super::{Pendant, Slots};
 use crate::interlock::State;
 use crate::math;
@@ -17,11 +18,11 @@ const LEAD: f32 = 0.4;
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Jogging {
     /// Whether hands have moved the camera since the switch was gripped.
-    begun: bool,
+    pub(super) begun: bool,
     /// Where the camera is to be, for a robot at the port.
     target: Option<WirePose>,
     /// Where it is commanded to be.
-    commanded: Option<WirePose>,
+    pub(super) commanded: Option<WirePose>,
 }
 
 impl<const RING: usize, S: Slots> Pendant<RING, S> {
@@ -37,69 +38,53 @@ impl<const RING: usize, S: Slots> Pendant<RING, S> {
         }
     }
 
-    /// Whether this is the first hand frame since hands may move the camera.
-    pub(super) fn begin_jogging(&mut self) -> bool {
-        !core::mem::replace(&mut self.jogging.begun, true)
+    /// One tick; all of it is dropped at disable.
+    pub(super) fn advance_jog(&mut self) {
+        if self.may_jog().is_err() || !self.host.is_heard(self.ticks) {
+            self.robot.jogging = Jogging::default();
+        } else {
+            self.robot.advance_jog(&self.limits.jog, &self.machine);
+        }
     }
+}
 
+impl Robot {
     /// Where hands move the camera from: where it is commanded to be, and at first where the robot is. Without a robot
     /// the camera is where it is told to be, and whoever reads the gestures knows it.
     pub(super) fn jog_from(&self) -> Option<WirePose> {
-        self.jogging.commanded.or(self.robot_torch())
+        self.jogging.commanded.or(self.port.as_ref().and_then(Monitor::torch))
     }
 
     /// The camera pose that a hand frame made. The camera may not leave the workspace, nor may the flange that bears it.
-    pub(super) fn jog_to(&mut self, target: &WirePose) {
-        let Some(from) = self.jog_from().filter(|_| self.may_jog().is_ok()) else { return };
-        let out_um = |camera: &WirePose| {
-            let flange = compose(camera, &self.torch_from_flange);
-            flange.map_or(f32::INFINITY, |flange| outside_um(&flange, &self.limits.jog))
-        };
+    pub(super) fn jog_to(&mut self, target: &WirePose, limits: &JogLimits) {
+        let Some(from) = self.jog_from() else { return };
+        let out_um = |camera| self.flange(camera).map_or(f32::INFINITY, |flange| outside_um(&flange, limits));
         let farther_out = out_um(target) > out_um(&from);
         self.jogging.target = Some(if farther_out { from } else { *target });
     }
 
-    /// One tick: the commanded pose follows its target within the limits, no farther ahead of the robot than it needs to
-    /// stop; all of it is dropped at disable.
-    pub(super) fn advance_jog(&mut self) {
-        if self.may_jog().is_err() || !self.is_heard() {
-            self.jogging = Jogging::default();
-            return;
-        }
-        let (Some(target), Some(torch)) = (self.jogging.target, self.robot_torch()) else { return };
+    /// The commanded pose follows its target within the limits, no farther ahead of the robot than it needs to stop.
+    fn advance_jog(&mut self, limits: &JogLimits, machine: &Machine) {
+        let torch = self.port.as_ref().and_then(Monitor::torch);
+        let (Some(target), Some(torch)) = (self.jogging.target, torch) else { return };
         let from = self.jogging.commanded.unwrap_or(torch);
-        let limits = &self.limits.jog;
-        let step_mm = limits.speed_um_s as f32 * 1e-3 * self.machine.tick_s;
-        let turn_rad = limits.turn_mrad_s as f32 * 1e-3 * self.machine.tick_s;
-        let next = toward(&from, &target, step_mm, turn_rad);
-        self.jogging.commanded = next.filter(|next| !self.runs_ahead(&torch, &from, next)).or(Some(from));
-    }
-
-    /// Whether a step takes the camera farther ahead of the robot than it goes while it stops from the fastest motion
-    /// that hands can make.
-    fn runs_ahead(&self, torch: &WirePose, from: &WirePose, next: &WirePose) -> bool {
-        let (limits, machine) = (&self.limits.jog, &self.machine);
+        let step_mm = limits.speed_um_s as f32 * 1e-3 * machine.tick_s;
+        let turn_rad = limits.turn_mrad_s as f32 * 1e-3 * machine.tick_s;
+        // Not farther ahead than it goes while it stops from the fastest motion that hands can make.
         let stop_s = limits.speed_um_s as f32 / machine.accel_um_s2;
-        let ahead_um = torch.distance_um(next);
-        let ahead_mrad = turn_mrad(torch, next);
         let leads =
             |ahead: f32, before: f32, speed: u32| ahead > LEAD * stop_s * speed as f32 && ahead > before;
-        leads(ahead_um, torch.distance_um(from), limits.speed_um_s)
-            || leads(ahead_mrad, turn_mrad(torch, from), limits.turn_mrad_s)
-    }
-
-    /// Whether hands have moved the camera since the switch was gripped: only they give it a target.
-    pub(super) fn jogs(&self) -> bool {
-        self.jogging.begun
-    }
-
-    /// Where hands have the camera commanded to be.
-    pub(super) fn jogged(&self) -> Option<WirePose> {
-        self.jogging.commanded
+        let runs_ahead = |next: &WirePose| {
+            leads(torch.distance_um(next), torch.distance_um(&from), limits.speed_um_s)
+                || leads(turn_mrad(&torch, next), turn_mrad(&torch, &from), limits.turn_mrad_s)
+        };
+        let next = toward(&from, &target, step_mm, turn_rad);
+        self.jogging.commanded = next.filter(|next| !runs_ahead(next)).or(Some(from));
     }
 }
 
-/// How far a position is outside the workspace, summed over the axes, µm.
+/// How far a position is outside the workspace, summed over the axes, µm. Not inlined: flash.
+#[inline(never)]
 fn outside_um(pose: &WirePose, limits: &JogLimits) -> f32 {
     let bounds = limits.least_um.into_iter().zip(limits.most_um);
     let beyond = |(um, (least, most)): (i32, (i32, i32))| um.abs_diff(um.min(most).max(least));

@@ -5,20 +5,20 @@
 use heapless::{Deque, Vec};
 
 use crate::interlock::Fault;
-use crate::wire::{MAX_SAMPLES, PendantMessage, Sample};
+use crate::wire::{Counters, MAX_SAMPLES, PendantMessage, Sample};
 
 /// Samples kept for a busy line.
 const KEPT_SAMPLES: usize = 2 * MAX_SAMPLES;
 
 /// Periods, ticks.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Periods {
     pub(super) telemetry: u16,
     pub(super) fault: u16,
 }
 
 /// What is due when.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub(super) struct Report {
     periods: Periods,
     telemetry_in: u16,
@@ -28,20 +28,14 @@ pub(super) struct Report {
     every: u16,
     sample_in: u16,
     samples: Deque<Sample, KEPT_SAMPLES>,
+    /// Changes of state: what an order to go on has to know of.
+    pub(super) changes: u16,
+    pub(super) counters: Counters,
 }
 
 impl Report {
-    pub(super) const fn new(periods: Periods) -> Self {
-        Self {
-            periods,
-            telemetry_in: 0,
-            fault_in: 0,
-            faults: 0,
-            unseen: None,
-            every: 0,
-            sample_in: 0,
-            samples: Deque::new(),
-        }
+    pub(super) fn new(periods: Periods) -> Self {
+        Self { periods, ..Self::default() }
     }
 
     /// One tick.
@@ -53,6 +47,12 @@ impl Report {
     /// Something changed: telemetry at once.
     pub(super) fn hurry(&mut self) {
         self.telemetry_in = 0;
+    }
+
+    /// Another state, or another session of it.
+    pub(super) fn changed(&mut self) {
+        self.changes = self.changes.wrapping_add(1);
+        self.hurry();
     }
 
     pub(super) fn fault(&mut self, fault: Fault) {

@@ -417,7 +417,8 @@ fn turn(from: &WirePose, to: &WirePose) -> [f32; 3] {
     vector.map(|part| part * (sign / (f32::from(Q15_ONE) * f32::from(Q15_ONE))))
 }
 
-/// Angle between two poses, mrad.
+/// Angle between two poses, mrad. Not inlined, for many ask and flash is short.
+#[inline(never)]
 pub(super) fn turn_mrad(from: &WirePose, to: &WirePose) -> f32 {
     1000.0 * turn_rad(from, to)
 }

@@ -1,15 +1,17 @@
-//! The robot at the port: what it was told, what it says, and whether that is fresh and near enough.
+//! The robot and its tool; of one at the port what it was told, what it says, and whether that is fresh and near enough.
 //!
 //! Everything runs on the ticks of the frames sent: an answer is as old as the frame that it gives back, so that silence,
 //! delay and repetition are one thing; what was recorded in another session gives back another nonce.
 
+use super::jog::Jogging;
+use super::place::Place;
 use super::ring::turn_mrad;
-use super::{Pendant, SetPoint, Slots};
-use crate::interlock::{ArcPhase, Cause, Event, State};
+use super::{Pendant, Slots};
+use crate::interlock::{ArcPhase, Cause, Event};
 use crate::path::TorchPose;
 use crate::wire::frame::Received;
 use crate::wire::port::{self, Actual, Drives};
-use crate::wire::{Robot, WirePose};
+use crate::wire::{self, WirePose};
 
 /// What the port has to keep to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -55,8 +57,92 @@ const LEFT_TICKS: i32 = 50;
 /// How often that is looked at, ticks.
 const LOOK_TICKS: u32 = 8;
 
-/// The port's state.
+/// What bears the torch or, in its place, the camera.
 #[derive(Debug, Clone)]
+pub(super) struct Robot {
+    /// None until a session has set one.
+    pub(super) tool: Option<Tool>,
+    /// If one is fitted.
+    pub(super) port: Option<Monitor>,
+    pub(super) place: Place,
+    pub(super) jogging: Jogging,
+}
+
+/// What is on the flange, both ways.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Tool {
+    pub(super) flange_from_torch: WirePose,
+    torch_from_flange: WirePose,
+}
+
+impl Tool {
+    /// The flange itself.
+    const NONE: Self = Self { flange_from_torch: WirePose::IDENTITY, torch_from_flange: WirePose::IDENTITY };
+
+    /// None if the orientation is no unit quaternion.
+    pub(super) fn new(flange_from_torch: WirePose) -> Option<Self> {
+        Some(Self { flange_from_torch, torch_from_flange: inverted(&flange_from_torch)? })
+    }
+}
+
+impl Robot {
+    pub(super) fn new(port: Option<Monitor>) -> Self {
+        Self { tool: None, port, place: Place::UNKNOWN, jogging: Jogging::default() }
+    }
+
+    /// Another tool, or none, from now on.
+    pub(super) fn carry(&mut self, tool: Option<Tool>) {
+        self.tool = tool;
+        if let Some(port) = &mut self.port {
+            port.retool(&tool.unwrap_or(Tool::NONE).flange_from_torch);
+        }
+    }
+
+    /// Where the flange is to be, for the torch to be there.
+    pub(super) fn flange(&self, torch: &WirePose) -> Option<WirePose> {
+        compose(torch, &self.tool.as_ref().unwrap_or(&Tool::NONE).torch_from_flange)
+    }
+
+    /// Why motion must stop, if a robot is fitted and something moves it: it follows the path, or hands.
+    fn trouble(&mut self, follows: bool, welds: bool) -> Option<Cause> {
+        let port = self.port.as_mut()?;
+        port.forget_late();
+        let commanded = if follows { Some(&self.place.commanded) } else { self.jogging.commanded.as_ref() };
+        let Some(commanded) = commanded else {
+            port.rest();
+            return None;
+        };
+        port.trouble(commanded, welds)
+    }
+
+    /// The frame of this tick, if a port is fitted. `torch`: where the path has it, if it does.
+    pub(super) fn command(
+        &mut self,
+        torch: Option<&WirePose>,
+        tick: u32,
+        motion: bool,
+        arc: bool,
+    ) -> Option<port::WireSetPoint> {
+        let torch = torch.or(self.jogging.commanded.as_ref());
+        let pose = torch.and_then(|torch| self.flange(torch));
+        let port = self.port.as_mut()?;
+        port.tick = tick;
+        let heard = port.answered.as_ref().map(|answered| &answered.actual);
+        Some(port::WireSetPoint {
+            lost: port.missed,
+            session: port.session,
+            tick,
+            robot: heard.map_or(0, |actual| actual.robot),
+            heard: heard.map_or(0, |actual| actual.sequence),
+            pose,
+            motion,
+            arc,
+        })
+    }
+}
+
+/// The port's state.
+#[derive(Debug, Clone, Default)]
 pub(super) struct Monitor {
     config: PortConfig,
     session: u32,
@@ -87,17 +173,8 @@ struct LastMove {
 }
 
 impl Monitor {
-    pub(super) const fn new(config: PortConfig, session: u32) -> Self {
-        Self {
-            config,
-            session,
-            tick: 0,
-            answered: None,
-            last: (0, 0),
-            missed: 0,
-            off_ticks: 0,
-            last_move: None,
-        }
+    pub(super) fn new(config: PortConfig, session: u32) -> Self {
+        Self { config, session, ..Self::default() }
     }
 
     /// Answers to frames of another session count no more.
@@ -128,10 +205,10 @@ impl Monitor {
     }
 
     /// What it says of itself.
-    pub(super) fn report(&self) -> Option<Robot> {
+    pub(super) fn report(&self) -> Option<wire::Robot> {
         let Answered { actual, torch } = self.fresh()?;
         let lost = actual.lost.wrapping_add(self.missed);
-        Some(Robot { pose: *torch, error_um: actual.error_um, drives: actual.drives, lost })
+        Some(wire::Robot { pose: *torch, error_um: actual.error_um, drives: actual.drives, lost })
     }
 
     /// Why a torch that has to be at `commanded` must stop. Once a tick while something moves it.
@@ -218,54 +295,23 @@ const MOST_AHEAD: u32 = i32::MAX as u32;
 impl<const RING: usize, S: Slots> Pendant<RING, S> {
     /// Takes what a delimiter completed on the robot's line.
     pub fn receive_robot(&mut self, received: Received<'_>) {
-        let (Received::Payload(payload), Some(robot)) = (received, &mut self.robot) else { return };
+        let (Received::Payload(payload), Some(port)) = (received, &mut self.robot.port) else { return };
         if let Some(actual) = Actual::from_bytes(payload) {
-            robot.take(actual, &self.tool);
+            let tool = self.robot.tool.as_ref().unwrap_or(&Tool::NONE);
+            port.take(actual, &tool.flange_from_torch);
         }
     }
 
     /// Holds, or takes the camera out of the hands, if the robot is late, off or without drives. Before the frame of this
     /// tick is sent.
     pub(super) fn watch_robot(&mut self) {
-        let jogged = self.jogged();
-        let Some(robot) = &mut self.robot else { return };
-        robot.forget_late();
-        let commanded = match (self.interlock.state(), jogged) {
-            (State::Running | State::Holding, _) => self.pose,
-            (_, Some(camera)) => camera,
-            _ => return robot.rest(),
-        };
-        let welds = self.interlock.arc_phase() == ArcPhase::On;
-        let Some(cause) = robot.trouble(&commanded, welds) else { return };
+        let (follows, welds) = (self.follows(), self.interlock.arc_phase() == ArcPhase::On);
+        let Some(cause) = self.robot.trouble(follows, welds) else { return };
         if cause == Cause::RobotDrives {
             // It stands, or stops by itself: nothing goes on ahead of it.
-            self.drive.stand();
+            self.path.drive.speed_um_s = 0.0;
         }
         self.fire_own(Event::Robot(cause));
-    }
-
-    /// The frame of this tick, if a port is fitted.
-    pub(super) fn command_robot(
-        &mut self,
-        set_point: Option<&SetPoint>,
-        motion: bool,
-        arc: bool,
-    ) -> Option<port::WireSetPoint> {
-        let torch = set_point.map(|at| at.pose).or(self.jogged());
-        let pose = torch.and_then(|pose| compose(&pose, &self.torch_from_flange));
-        let robot = self.robot.as_mut()?;
-        robot.tick = self.ticks;
-        let heard = robot.answered.as_ref().map(|answered| &answered.actual);
-        Some(port::WireSetPoint {
-            lost: robot.missed,
-            session: robot.session,
-            tick: robot.tick,
-            robot: heard.map_or(0, |actual| actual.robot),
-            heard: heard.map_or(0, |actual| actual.sequence),
-            pose,
-            motion,
-            arc,
-        })
     }
 }
 
@@ -326,7 +372,7 @@ mod tests {
     }
 
     fn command(pendant: &mut Pendant<64>, command: Command) -> Answer {
-        let request = pendant.requests.last.wrapping_add(1);
+        let request = pendant.host.requests.last.wrapping_add(1);
         match say(pendant, HostMessage::Control { request, command }) {
             Some(PendantMessage::Reply { answer, .. }) => answer,
             other => panic!("no reply but {other:?}"),
@@ -363,7 +409,7 @@ mod tests {
 
     /// One tick with a ping before and a robot's answer from so far along x after it.
     fn lively_tick(pendant: &mut Pendant<64>, enable: bool, along_um: i32) {
-        let (count, echo) = (pendant.life.count.wrapping_add(1), pendant.ticks);
+        let (count, echo) = (pendant.host.session.expect("open").count.wrapping_add(1), pendant.ticks);
         let _ = say(pendant, HostMessage::Ping(Ping { count, echo, token: 0 }));
         let told = pendant.tick(&Panel { enable, ..Panel::default() }).robot.expect("fitted");
         let [x, y, z] = FIRST.position_um;
@@ -378,8 +424,8 @@ mod tests {
             error_um: 0,
             drives: Drives::Following,
         };
-        let monitor = pendant.robot.as_mut().expect("fitted");
-        monitor.take(actual, &WirePose::IDENTITY);
+        let port = pendant.robot.port.as_mut().expect("fitted");
+        port.take(actual, &WirePose::IDENTITY);
     }
 
     #[test]
@@ -393,7 +439,7 @@ mod tests {
                 lively_tick(&mut pendant, true, along_um);
                 assert_eq!(pendant.interlock.cause(), None, "path {path}");
             }
-            assert_eq!(pendant.finished, Some(path));
+            assert_eq!(pendant.path.finished, Some(path));
         }
     }
 }
