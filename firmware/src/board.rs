@@ -1,9 +1,4 @@
 //! What the pendant needs of a board. The modules below are the only ones with `unsafe`.
-//!
-//! Every board module has: `start` (clocks, ports, interrupts; outputs stay off; the tick runs), which gives a
-//! `Watchdog` to feed, a number that differs from start to start and the board's straps; `wake_link` and `wake_robot`; `outputs_off` (from any context,
-//! without a queue or a lock); `watchdog_fired`; `NMI_CAUSE`; `LATE_TICKS`. It calls [`crate::torch::tick`] every 2 ms and
-//! [`crate::serial::LINK`] and [`crate::serial::ROBOT`] from its ports' interrupts, at the priorities in `cortex_m4`.
 
 mod cortex_m4;
 #[cfg(feature = "mps2-an386")]
@@ -13,13 +8,49 @@ mod stm32f407;
 
 pub use cortex_m4::{BootRecord, ResetCause, Shared, boot_record, guard_stack, reset, stack_used_bytes};
 #[cfg(feature = "mps2-an386")]
-pub use mps2_an386::{
-    LATE_TICKS, NMI_CAUSE, Stopwatch, Watchdog, outputs_off, start, wake_link, wake_robot, watchdog_fired,
-};
+pub use mps2_an386::{Mps2An386 as Fitted, Stopwatch};
 #[cfg(feature = "stm32f407")]
-pub use stm32f407::{
-    LATE_TICKS, NMI_CAUSE, Watchdog, outputs_off, start, wake_link, wake_robot, watchdog_fired,
-};
+pub use stm32f407::Stm32f407 as Fitted;
+
+/// A board; [`Fitted`] is the one that the features choose.
+///
+/// It calls [`crate::torch::tick`] every 2 ms and, from its ports' interrupts, [`crate::serial::LINK`] and
+/// [`crate::serial::ROBOT`], at the priorities in `cortex_m4`.
+pub trait Board {
+    /// Resets a pendant that stands still.
+    type Watchdog: Watchdog;
+
+    /// The robot's answers are late after this.
+    const LATE_TICKS: u16;
+    /// What an NMI means.
+    const NMI_CAUSE: ResetCause;
+
+    /// Clocks, pins, ports, watchdog and tick; a number that differs from start to start. Outputs stay off. Once.
+    fn start(boot: &BootRecord) -> (Self::Watchdog, u32, Straps);
+
+    /// Makes the transmit interrupt of the host's line run.
+    fn wake_link();
+
+    /// The same for the robot's line.
+    fn wake_robot();
+
+    /// Everything off, from any context, without a queue or a lock.
+    fn outputs_off();
+
+    /// Whether the watchdog caused this start. Asked once, before [`Self::start`].
+    fn watchdog_fired() -> bool;
+}
+
+/// A board's watchdog, which runs.
+pub trait Watchdog {
+    /// Starts its count again.
+    fn feed(&mut self);
+}
+
+/// Of the host's line.
+const LINK_BAUD: u32 = 115_200;
+/// Of the robot's line.
+const ROBOT_BAUD: u32 = 460_800;
 
 /// Pins that the torch reads. They are pins and never messages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

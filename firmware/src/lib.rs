@@ -17,11 +17,11 @@ pub mod torch;
 
 use core::panic::PanicInfo;
 
-use board::ResetCause;
+use board::{Board, Fitted, ResetCause};
 
 #[panic_handler]
 fn panic(info: &PanicInfo) -> ! {
-    board::outputs_off();
+    Fitted::outputs_off();
     if let Some(place) = info.location() {
         defmt::error!("panic at {=str}:{=u32}", place.file(), place.line());
     }

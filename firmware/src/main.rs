@@ -2,14 +2,15 @@
 #![no_std]
 #![no_main]
 
+use weldpath_firmware::board::{self, Board, Fitted, Watchdog};
 use weldpath_firmware::link::Link;
-use weldpath_firmware::{board, torch};
+use weldpath_firmware::torch;
 
 #[cortex_m_rt::entry]
 fn main() -> ! {
     board::guard_stack();
     let boot = board::boot_record();
-    let (mut watchdog, entropy, straps) = board::start(&boot);
+    let (mut watchdog, entropy, straps) = Fitted::start(&boot);
     let nonce = (entropy ^ boot.count).wrapping_mul(0x9e37_79b9);
     defmt::info!("boot {=u32} after {}, nonce {=u32:x}", boot.count, boot.cause, nonce);
     torch::install(nonce, straps);

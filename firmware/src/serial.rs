@@ -6,13 +6,28 @@ use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use critical_section::Mutex;
 use heapless::Deque;
 
-use crate::board;
+use crate::board::{Board, Fitted};
 
 /// The host's line: room for two full chunks each way.
-pub static LINK: Port<1024, 1024> = Port::new(board::wake_link);
+pub static LINK: Port<1024, 1024> = Port::new(Fitted::wake_link);
 
 /// The robot's line: some frames each way; what waits longer is late anyhow.
-pub static ROBOT: Port<256, 256> = Port::new(board::wake_robot);
+pub static ROBOT: Port<256, 256> = Port::new(Fitted::wake_robot);
+
+/// A serial port's registers, for its interrupts alone.
+pub trait Registers {
+    /// The received byte, if there is one, and whether one was lost.
+    fn receive(&mut self) -> (Option<u8>, bool);
+
+    /// Whether a byte may be sent.
+    fn can_send(&mut self) -> bool;
+
+    /// Sends a byte.
+    fn send(&mut self, byte: u8);
+
+    /// Nothing waits: no more transmit interrupts until woken.
+    fn rest(&mut self);
+}
 
 /// A serial port's queues.
 pub struct Port<const RX: usize, const TX: usize> {
@@ -33,17 +48,22 @@ impl<const RX: usize, const TX: usize> Port<RX, TX> {
         }
     }
 
-    /// From the receive interrupt.
-    pub fn received(&self, byte: u8) {
-        let full = critical_section::with(|cs| self.received.borrow_ref_mut(cs).push_back(byte).is_err());
-        if full {
-            self.overrun();
-        }
+    /// The receive interrupt.
+    pub fn receive_from(&self, mut registers: impl Registers) {
+        let (byte, lost) = registers.receive();
+        let push = |byte| critical_section::with(|cs| self.received.borrow_ref_mut(cs).push_back(byte));
+        let full = byte.is_some_and(|byte| push(byte).is_err());
+        self.lost.fetch_add(u32::from(lost) + u32::from(full), Relaxed);
     }
 
-    /// A byte was lost before it could be taken.
-    pub fn overrun(&self) {
-        self.lost.fetch_add(1, Relaxed);
+    /// The transmit interrupt.
+    pub fn send_to(&self, mut registers: impl Registers) {
+        if registers.can_send() {
+            match critical_section::with(|cs| self.waiting.borrow_ref_mut(cs).pop_front()) {
+                Some(byte) => registers.send(byte),
+                None => registers.rest(),
+            }
+        }
     }
 
     /// Bytes lost since the start.
@@ -88,10 +108,5 @@ impl<const RX: usize, const TX: usize> Port<RX, TX> {
             (self.wake)();
         }
         fits
-    }
-
-    /// For the transmit interrupt: the next byte to go out.
-    pub fn next_to_send(&self) -> Option<u8> {
-        critical_section::with(|cs| self.waiting.borrow_ref_mut(cs).pop_front())
     }
 }

@@ -9,7 +9,7 @@ use weldpath_core::pendant::{Config, Panel, Pendant, PortConfig, Slot, Tick};
 use weldpath_core::wire::Firmware;
 use weldpath_core::wire::port::{self, ActualDeframer};
 
-use crate::board::{self, Inputs, Outputs, Shared, Straps};
+use crate::board::{Board, Fitted, Inputs, Outputs, Shared, Straps};
 use crate::serial;
 
 /// Ticks a second: the set-point rate.
@@ -68,7 +68,7 @@ static ROBOT_BYTES: Shared<ActualDeframer> = Shared::new(ActualDeframer::new());
 /// # Panics
 /// If the default configuration contradicts itself.
 pub fn install(nonce: u32, straps: Straps) {
-    let port = PortConfig { late_ticks: board::LATE_TICKS, ..PortConfig::default() };
+    let port = PortConfig { late_ticks: Fitted::LATE_TICKS, ..PortConfig::default() };
     let config = Config {
         tick_us: 1_000_000 / TICK_HZ,
         port: straps.port.then_some(port),

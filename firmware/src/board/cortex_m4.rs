@@ -10,6 +10,8 @@ use core::sync::atomic::{Ordering::SeqCst, compiler_fence};
 use cortex_m::peripheral::{MPU, SCB};
 use cortex_m::register::basepri;
 
+use super::{Board, Fitted};
+
 /// Why the controller started.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, defmt::Format)]
 #[repr(u8)]
@@ -57,7 +59,7 @@ pub fn boot_record() -> BootRecord {
         1 if known => ResetCause::Panic,
         2 if known => ResetCause::Fault,
         3 if known => ResetCause::Watchdog,
-        _ if super::watchdog_fired() => ResetCause::Watchdog,
+        _ if Fitted::watchdog_fired() => ResetCause::Watchdog,
         _ => ResetCause::Power,
     };
     keep(Kept { magic: MAGIC, count, cause: ResetCause::Power as u32 });
@@ -172,13 +174,13 @@ global_asm!(
 );
 
 extern "C" fn hard_fault() -> ! {
-    super::outputs_off();
+    Fitted::outputs_off();
     defmt::error!("fault");
     reset(ResetCause::Fault)
 }
 
 /// Where a board's watchdog raises it, before it resets; elsewhere a clock that failed.
 extern "C" fn non_maskable() -> ! {
-    super::outputs_off();
-    reset(super::NMI_CAUSE)
+    Fitted::outputs_off();
+    reset(Fitted::NMI_CAUSE)
 }

@@ -15,16 +15,12 @@ use cortex_m_semihosting::syscall;
 use defmt_semihosting as _;
 
 use super::cortex_m4::{PORT_PRIORITY, TICK_PRIORITY};
-use super::{BootRecord, Inputs, Outputs, ResetCause, Straps};
-use crate::{serial, torch};
+use super::{Board, BootRecord, Inputs, LINK_BAUD, Outputs, ROBOT_BAUD, ResetCause, Straps};
+use crate::serial::{self, Registers};
+use crate::torch;
 
 const CLOCK_HZ: u32 = 25_000_000;
-const BAUD: u32 = 115_200;
-/// Of the robot's line.
-const ROBOT_BAUD: u32 = 460_800;
-/// The robot's answers are late after this: far more than on a real board, as QEMU's clock goes on while a busy host leaves
-/// the emulator or the robot without a processor. The 3 ticks of other boards are held in virtual time.
-pub const LATE_TICKS: u16 = 250;
+const PANEL_BAUD: u32 = 115_200;
 /// What the charge pumps last for without a change of their pins: 8 ms.
 const PUMP_CYCLES: u32 = CLOCK_HZ / 125;
 /// To the NMI; as long again to a reset. Far longer than on a real board: QEMU's clock goes on while a busy host leaves
@@ -100,49 +96,79 @@ global_asm!(
     off = const panel::ALL_OFF,
 );
 
-/// Starts ports, watchdog and tick; the host's clock, as QEMU has nothing else that differs from start to start.
-/// Outputs stay off.
-pub fn start(boot: &BootRecord) -> (Watchdog, u32, Straps) {
-    panel::report_boot(boot.cause);
-    LINK.start(BAUD);
-    PANEL.start(BAUD);
-    ROBOT.start(ROBOT_BAUD);
-    let watchdog = Watchdog::start();
-    // Periodic down-counter with interrupt.
-    let reload = CLOCK_HZ / torch::TICK_HZ - 1;
-    write(TIMER + 0x4, reload);
-    write(TIMER + 0x8, reload);
-    write(TIMER, 0b1001);
-    // SAFETY: the handlers above are in place.
-    unsafe {
-        let core = cortex_m::Peripherals::steal();
-        let (mut nvic, mut clock) = (core.NVIC, core.SYST);
-        clock.set_clock_source(SystClkSource::Core);
-        clock.set_reload(CLOCK_MASK);
-        clock.clear_current();
-        clock.enable_counter();
-        let ports = [
-            Line::LinkReceive,
-            Line::LinkTransmit,
-            Line::PanelReceive,
-            Line::PanelTransmit,
-            Line::RobotReceive,
-            Line::RobotTransmit,
-            // More urgent than the tick: it is there for a tick that hangs.
-            Line::Pump,
-        ];
-        for line in ports {
-            nvic.set_priority(line, PORT_PRIORITY);
-            NVIC::unmask(line);
+/// The emulated board.
+pub struct Mps2An386;
+
+impl Board for Mps2An386 {
+    type Watchdog = Watchdog;
+
+    /// Far more than on a real board, as QEMU's clock goes on while a busy host leaves the emulator or the robot without a
+    /// processor. The 5 ticks of other boards are held in virtual time.
+    const LATE_TICKS: u16 = 250;
+    const NMI_CAUSE: ResetCause = ResetCause::Watchdog;
+
+    /// The number is the host's clock, as QEMU has nothing else that differs from start to start.
+    fn start(boot: &BootRecord) -> (Watchdog, u32, Straps) {
+        panel::report_boot(boot.cause);
+        LINK.start(LINK_BAUD);
+        PANEL.start(PANEL_BAUD);
+        ROBOT.start(ROBOT_BAUD);
+        let watchdog = Watchdog::start();
+        // Periodic down-counter with interrupt.
+        let reload = CLOCK_HZ / torch::TICK_HZ - 1;
+        write(TIMER + 0x4, reload);
+        write(TIMER + 0x8, reload);
+        write(TIMER, 0b1001);
+        // SAFETY: the handlers above are in place.
+        unsafe {
+            let core = cortex_m::Peripherals::steal();
+            let (mut nvic, mut clock) = (core.NVIC, core.SYST);
+            clock.set_clock_source(SystClkSource::Core);
+            clock.set_reload(CLOCK_MASK);
+            clock.clear_current();
+            clock.enable_counter();
+            let ports = [
+                Line::LinkReceive,
+                Line::LinkTransmit,
+                Line::PanelReceive,
+                Line::PanelTransmit,
+                Line::RobotReceive,
+                Line::RobotTransmit,
+                // More urgent than the tick: it is there for a tick that hangs.
+                Line::Pump,
+            ];
+            for line in ports {
+                nvic.set_priority(line, PORT_PRIORITY);
+                NVIC::unmask(line);
+            }
+            nvic.set_priority(Line::Timer, TICK_PRIORITY);
         }
-        nvic.set_priority(Line::Timer, TICK_PRIORITY);
+        wake_panel();
+        await_panel();
+        // SAFETY: as above.
+        unsafe { NVIC::unmask(Line::Timer) };
+        // SAFETY: semihosting call SYS_TIME takes no argument and returns a number.
+        (watchdog, unsafe { syscall!(TIME) as u32 }, panel::straps())
     }
-    wake_panel();
-    await_panel();
-    // SAFETY: as above.
-    unsafe { NVIC::unmask(Line::Timer) };
-    // SAFETY: semihosting call SYS_TIME takes no argument and returns a number.
-    (watchdog, unsafe { syscall!(TIME) as u32 }, panel::straps())
+
+    fn wake_link() {
+        NVIC::pend(Line::LinkTransmit);
+    }
+
+    fn wake_robot() {
+        NVIC::pend(Line::RobotTransmit);
+    }
+
+    /// Straight to the transmitter.
+    fn outputs_off() {
+        let mut port = PANEL;
+        port.send(panel::ALL_OFF);
+    }
+
+    /// Never: the image has no reset register; its NMI notes the cause.
+    fn watchdog_fired() -> bool {
+        false
+    }
 }
 
 /// Pins are known at once; the panel answers the report of the start. One that does not counts as a pressed stop.
@@ -153,31 +179,8 @@ fn await_panel() {
     write(STOPWATCH, 0);
 }
 
-/// Makes the transmit interrupt run.
-pub fn wake_link() {
-    NVIC::pend(Line::LinkTransmit);
-}
-
-/// The same for the robot's line.
-pub fn wake_robot() {
-    NVIC::pend(Line::RobotTransmit);
-}
-
 fn wake_panel() {
     NVIC::pend(Line::PanelTransmit);
-}
-
-/// Everything off, from any context: straight to the transmitter.
-pub fn outputs_off() {
-    PANEL.send(panel::ALL_OFF);
-}
-
-/// What an NMI means here.
-pub const NMI_CAUSE: ResetCause = ResetCause::Watchdog;
-
-/// Never: the image has no reset register; its NMI notes the cause.
-pub fn watchdog_fired() -> bool {
-    false
 }
 
 /// CMSDK watchdog: an NMI when it runs out, a reset if that hangs, too.
@@ -190,9 +193,10 @@ impl Watchdog {
         write(WATCHDOG + 0x8, 0b11);
         Self(())
     }
+}
 
-    /// Starts its count again.
-    pub fn feed(&mut self) {
+impl super::Watchdog for Watchdog {
+    fn feed(&mut self) {
         write(WATCHDOG + 0xc, 1);
     }
 }
@@ -234,9 +238,10 @@ impl Uart {
         // Transmitter, receiver, and both their interrupts.
         write(self.0 + 0x8, 0b1111);
     }
+}
 
-    /// The received byte, if there is one, and whether one before it was lost.
-    fn receive(self) -> (Option<u8>, bool) {
+impl Registers for Uart {
+    fn receive(&mut self) -> (Option<u8>, bool) {
         write(self.0 + 0xc, 0b10);
         let state = read(self.0 + 0x4);
         let overrun = state & 0b1000 != 0;
@@ -246,64 +251,49 @@ impl Uart {
         ((state & 0b10 != 0).then(|| read(self.0) as u8), overrun)
     }
 
-    fn can_send(self) -> bool {
+    fn can_send(&mut self) -> bool {
         write(self.0 + 0xc, 0b1);
         read(self.0 + 0x4) & 0b1 == 0
     }
 
-    fn send(self, byte: u8) {
+    fn send(&mut self, byte: u8) {
         write(self.0, u32::from(byte));
     }
+
+    /// It interrupts only after a byte.
+    fn rest(&mut self) {}
 }
 
 unsafe extern "C" fn link_receive() {
-    let (byte, overrun) = LINK.receive();
-    if overrun {
-        serial::LINK.overrun();
-    }
-    if let Some(byte) = byte {
-        serial::LINK.received(byte);
-    }
+    serial::LINK.receive_from(LINK);
 }
 
 unsafe extern "C" fn link_transmit() {
-    if LINK.can_send()
-        && let Some(byte) = serial::LINK.next_to_send()
-    {
-        LINK.send(byte);
-    }
+    serial::LINK.send_to(LINK);
 }
 
 unsafe extern "C" fn panel_receive() {
-    if let (Some(byte), _) = PANEL.receive() {
+    let mut port = PANEL;
+    if let (Some(byte), _) = port.receive() {
         panel::received(byte);
     }
 }
 
 unsafe extern "C" fn panel_transmit() {
-    if PANEL.can_send()
+    let mut port = PANEL;
+    if port.can_send()
         && let Some(byte) = panel::next_to_send()
     {
-        PANEL.send(byte);
+        port.send(byte);
     }
 }
 
 unsafe extern "C" fn robot_receive() {
-    let (byte, overrun) = ROBOT.receive();
-    if overrun {
-        serial::ROBOT.overrun();
-    }
-    if let Some(byte) = byte {
-        serial::ROBOT.received(byte);
-    }
+    serial::ROBOT.receive_from(ROBOT);
 }
 
 unsafe extern "C" fn robot_transmit() {
-    if ROBOT.can_send()
-        && let Some(byte) = serial::ROBOT.next_to_send()
-    {
-        ROBOT.send(byte);
-    }
+    serial::ROBOT.send_to(ROBOT);
 }
 
 /// The processor's own clock counts down to 0 from this.

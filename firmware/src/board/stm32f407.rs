@@ -27,20 +27,16 @@ use critical_section::Mutex;
 use defmt_rtt as _;
 use stm32f4xx_hal::gpio::{ErasedPin, Input, Output, PinState};
 use stm32f4xx_hal::rcc::Config;
-use stm32f4xx_hal::serial::{Rx, RxISR, RxListen, Serial, Tx, TxISR, TxListen};
+use stm32f4xx_hal::serial::{Instance, Rx, RxISR, RxListen, Serial, Tx, TxISR, TxListen};
 use stm32f4xx_hal::timer::{CounterHz, Event, Flag};
 use stm32f4xx_hal::watchdog::IndependentWatchdog;
-use stm32f4xx_hal::{ClearFlags, interrupt, pac, prelude::*};
+use stm32f4xx_hal::{ClearFlags, Ptr, interrupt, pac, prelude::*};
 
 use super::cortex_m4::{PORT_PRIORITY, TICK_PRIORITY};
-use super::{BootRecord, Inputs, Outputs, ResetCause, Straps};
-use crate::{serial, torch};
+use super::{Board, BootRecord, Inputs, LINK_BAUD, Outputs, ROBOT_BAUD, ResetCause, Straps};
+use crate::serial::{self, Registers};
+use crate::torch;
 
-const BAUD: u32 = 115_200;
-/// Of the robot's line.
-const ROBOT_BAUD: u32 = 460_800;
-/// The robot's answers are late after this: the budget of docs/robot-port.md.
-pub const LATE_TICKS: u16 = 5;
 /// Of the watchdog at its clock's nominal 32 kHz: 49 ms at the slowest 17 kHz, 18 ms at the fastest 47 kHz.
 const WATCHDOG_MS: u32 = 26;
 /// Looks at the crystal, each of ten cycles of 16 MHz or more: it has at least 5 ms, of the 2 ms that it takes.
@@ -51,10 +47,8 @@ const OUTPUT_PINS: u32 = 0xf000;
 /// Everything the interrupts own, from `start` on.
 struct Owned {
     timer: CounterHz<pac::TIM2>,
-    rx: Rx<pac::USART2>,
-    tx: Tx<pac::USART2>,
-    robot_rx: Rx<pac::USART6>,
-    robot_tx: Tx<pac::USART6>,
+    link: Usart<pac::USART2>,
+    robot: Usart<pac::USART6>,
     estop: [ErasedPin<Input>; 2],
     enable: [ErasedPin<Input>; 2],
     confirm: ErasedPin<Input>,
@@ -74,78 +68,109 @@ static OWNED: Mutex<RefCell<Option<Owned>>> = Mutex::new(RefCell::new(None));
 /// The independent watchdog: it has a clock of its own and cannot be stopped.
 pub struct Watchdog(IndependentWatchdog);
 
-impl Watchdog {
-    /// Starts its count again.
-    pub fn feed(&mut self) {
+impl super::Watchdog for Watchdog {
+    fn feed(&mut self) {
         self.0.feed();
     }
 }
 
-/// Clocks, pins, port, watchdog and tick; a number that differs from start to start. Outputs stay off.
-pub fn start(_boot: &BootRecord) -> (Watchdog, u32, Straps) {
-    // Taken once: `main` runs once.
-    let (Some(device), Some(mut core)) = (pac::Peripherals::take(), cortex_m::Peripherals::take()) else {
-        super::reset(ResetCause::Fault)
-    };
-    let mut watchdog = IndependentWatchdog::new(device.IWDG);
-    watchdog.start(WATCHDOG_MS.millis());
-    let crystal = crystal_runs();
-    let source = if crystal { Config::hse(8.MHz()) } else { Config::hsi() };
-    let mut rcc = device.RCC.freeze(source.sysclk(168.MHz()).require_pll48clk());
-    watchdog.feed();
-    if crystal {
-        watch_crystal();
+/// The Discovery board.
+pub struct Stm32f407;
+
+impl Board for Stm32f407 {
+    type Watchdog = Watchdog;
+
+    /// The budget of docs/robot-port.md.
+    const LATE_TICKS: u16 = 5;
+    /// The clock has failed.
+    const NMI_CAUSE: ResetCause = ResetCause::Fault;
+
+    fn start(_boot: &BootRecord) -> (Watchdog, u32, Straps) {
+        // Taken once: `main` runs once.
+        let (Some(device), Some(mut core)) = (pac::Peripherals::take(), cortex_m::Peripherals::take()) else {
+            super::reset(ResetCause::Fault)
+        };
+        let mut watchdog = IndependentWatchdog::new(device.IWDG);
+        watchdog.start(WATCHDOG_MS.millis());
+        let crystal = crystal_runs();
+        let source = if crystal { Config::hse(8.MHz()) } else { Config::hsi() };
+        let mut rcc = device.RCC.freeze(source.sysclk(168.MHz()).require_pll48clk());
+        watchdog.feed();
+        if crystal {
+            watch_crystal();
+        }
+        defmt::info!("crystal {=bool}, brown-out level {=u8}", crystal, brown_out_level());
+        let (a, c) = (device.GPIOA.split(&mut rcc), device.GPIOC.split(&mut rcc));
+        let (d, e) = (device.GPIOD.split(&mut rcc), device.GPIOE.split(&mut rcc));
+        let line = Serial::new(device.USART2, (a.pa2, a.pa3), LINK_BAUD.bps(), &mut rcc);
+        let Ok(line) = line else { super::reset(ResetCause::Fault) };
+        let (tx, mut rx) = line.split();
+        rx.listen();
+        let robot = Serial::new(device.USART6, (c.pc6, c.pc7), ROBOT_BAUD.bps(), &mut rcc);
+        let Ok(robot) = robot else { super::reset(ResetCause::Fault) };
+        let (robot_tx, mut robot_rx) = robot.split();
+        robot_rx.listen();
+        let straps = Straps { port: e.pe15.into_pull_up_input().is_low(), clock: crystal };
+        let mut timer = device.TIM2.counter_hz(&mut rcc);
+        timer.listen(Event::Update);
+        if timer.start(torch::TICK_HZ.Hz()).is_err() {
+            super::reset(ResetCause::Fault);
+        }
+        let entropy = random(&device.RNG.constrain(&mut rcc).release());
+        let low = PinState::Low;
+        let owned = Owned {
+            timer,
+            link: Usart { rx, tx },
+            robot: Usart { rx: robot_rx, tx: robot_tx },
+            estop: [e.pe7.into_pull_up_input().erase(), e.pe12.into_pull_up_input().erase()],
+            enable: [e.pe8.into_pull_down_input().erase(), e.pe13.into_pull_down_input().erase()],
+            confirm: e.pe14.into_pull_down_input().erase(),
+            arc_readback: d.pd8.into_pull_down_input().erase(),
+            motion_readback: d.pd9.into_pull_down_input().erase(),
+            reset: e.pe9.into_pull_down_input().erase(),
+            established: e.pe10.into_pull_down_input().erase(),
+            manual: e.pe11.into_pull_up_input().erase(),
+            arc: d.pd12.into_push_pull_output_in_state(low).erase(),
+            gas: d.pd13.into_push_pull_output_in_state(low).erase(),
+            motion: d.pd14.into_push_pull_output_in_state(low).erase(),
+            wire: d.pd15.into_push_pull_output_in_state(low).erase(),
+        };
+        critical_section::with(|cs| OWNED.borrow_ref_mut(cs).replace(owned));
+        watchdog.feed();
+        // SAFETY: what the handlers use is in place.
+        unsafe {
+            core.NVIC.set_priority(pac::Interrupt::USART2, PORT_PRIORITY);
+            core.NVIC.set_priority(pac::Interrupt::USART6, PORT_PRIORITY);
+            core.NVIC.set_priority(pac::Interrupt::TIM2, TICK_PRIORITY);
+            pac::NVIC::unmask(pac::Interrupt::USART2);
+            pac::NVIC::unmask(pac::Interrupt::USART6);
+            pac::NVIC::unmask(pac::Interrupt::TIM2);
+        }
+        (Watchdog(watchdog), entropy, straps)
     }
-    defmt::info!("crystal {=bool}, brown-out level {=u8}", crystal, brown_out_level());
-    let (a, c) = (device.GPIOA.split(&mut rcc), device.GPIOC.split(&mut rcc));
-    let (d, e) = (device.GPIOD.split(&mut rcc), device.GPIOE.split(&mut rcc));
-    let line = Serial::new(device.USART2, (a.pa2, a.pa3), BAUD.bps(), &mut rcc);
-    let Ok(line) = line else { super::reset(ResetCause::Fault) };
-    let (tx, mut rx) = line.split();
-    rx.listen();
-    let robot = Serial::new(device.USART6, (c.pc6, c.pc7), ROBOT_BAUD.bps(), &mut rcc);
-    let Ok(robot) = robot else { super::reset(ResetCause::Fault) };
-    let (robot_tx, mut robot_rx) = robot.split();
-    robot_rx.listen();
-    let straps = Straps { port: e.pe15.into_pull_up_input().is_low(), clock: crystal };
-    let mut timer = device.TIM2.counter_hz(&mut rcc);
-    timer.listen(Event::Update);
-    if timer.start(torch::TICK_HZ.Hz()).is_err() {
-        super::reset(ResetCause::Fault);
+
+    fn wake_link() {
+        with_owned(|owned| owned.link.tx.listen());
     }
-    let entropy = random(&device.RNG.constrain(&mut rcc).release());
-    let low = PinState::Low;
-    let owned = Owned {
-        timer,
-        rx,
-        tx,
-        robot_rx,
-        robot_tx,
-        estop: [e.pe7.into_pull_up_input().erase(), e.pe12.into_pull_up_input().erase()],
-        enable: [e.pe8.into_pull_down_input().erase(), e.pe13.into_pull_down_input().erase()],
-        confirm: e.pe14.into_pull_down_input().erase(),
-        arc_readback: d.pd8.into_pull_down_input().erase(),
-        motion_readback: d.pd9.into_pull_down_input().erase(),
-        reset: e.pe9.into_pull_down_input().erase(),
-        established: e.pe10.into_pull_down_input().erase(),
-        manual: e.pe11.into_pull_up_input().erase(),
-        arc: d.pd12.into_push_pull_output_in_state(low).erase(),
-        gas: d.pd13.into_push_pull_output_in_state(low).erase(),
-        motion: d.pd14.into_push_pull_output_in_state(low).erase(),
-        wire: d.pd15.into_push_pull_output_in_state(low).erase(),
-    };
-    critical_section::with(|cs| OWNED.borrow_ref_mut(cs).replace(owned));
-    watchdog.feed();
-    // SAFETY: what the handlers use is in place.
-    unsafe {
-        core.NVIC.set_priority(pac::Interrupt::USART2, PORT_PRIORITY);
-        core.NVIC.set_priority(pac::Interrupt::USART6, PORT_PRIORITY);
-        core.NVIC.set_priority(pac::Interrupt::TIM2, TICK_PRIORITY);
-        pac::NVIC::unmask(pac::Interrupt::USART2);
-        pac::NVIC::unmask(pac::Interrupt::USART6);
-        pac::NVIC::unmask(pac::Interrupt::TIM2);
+
+    fn wake_robot() {
+        with_owned(|owned| owned.robot.tx.listen());
     }
-    (Watchdog(watchdog), entropy, straps)
+
+    /// One store to the port's reset bits.
+    fn outputs_off() {
+        // SAFETY: a write to BSRR changes only the pins named, in one store.
+        unsafe { (*pac::GPIOD::ptr()).bsrr().write(|w| w.bits(OUTPUT_PINS << 16)) };
+    }
+
+    /// Asking clears the flag.
+    fn watchdog_fired() -> bool {
+        // SAFETY: before `start` nobody owns the register; only the flag's clear bit is written.
+        let status = unsafe { (*pac::RCC::ptr()).csr() };
+        let fired = status.read().wdgrstf().bit_is_set();
+        status.modify(|_, w| w.rmvf().set_bit());
+        fired
+    }
 }
 
 /// Starts the crystal and gives it a bounded time.
@@ -174,71 +199,61 @@ fn random(noise: &pac::RNG) -> u32 {
     if ready { noise.dr().read().bits() } else { 0 }
 }
 
-/// Makes the transmit interrupt run.
-pub fn wake_link() {
-    with_owned(|owned| owned.tx.listen());
-}
-
-/// The same for the robot's line.
-pub fn wake_robot() {
-    with_owned(|owned| owned.robot_tx.listen());
-}
-
-/// Everything off, from any context: one store to the port's reset bits.
-pub fn outputs_off() {
-    // SAFETY: a write to BSRR changes only the pins named, in one store.
-    unsafe { (*pac::GPIOD::ptr()).bsrr().write(|w| w.bits(OUTPUT_PINS << 16)) };
-}
-
-/// What an NMI means here: the clock has failed.
-pub const NMI_CAUSE: ResetCause = ResetCause::Fault;
-
-/// Whether the watchdog caused this start; asking clears the flag.
-pub fn watchdog_fired() -> bool {
-    // SAFETY: before `start` nobody owns the register; only the flag's clear bit is written.
-    let status = unsafe { (*pac::RCC::ptr()).csr() };
-    let fired = status.read().wdgrstf().bit_is_set();
-    status.modify(|_, w| w.rmvf().set_bit());
-    fired
-}
-
 fn with_owned<T>(use_it: impl FnOnce(&mut Owned) -> T) -> Option<T> {
     critical_section::with(|cs| OWNED.borrow_ref_mut(cs).as_mut().map(use_it))
 }
 
-/// The interrupt of a serial port and the queues behind it.
-macro_rules! serial_port {
-    ($interrupt:ident, $rx:ident, $tx:ident, $queues:path) => {
-        #[interrupt]
-        fn $interrupt() {
-            with_owned(|owned| {
-                // SAFETY: the handler owns the port; reading its status, then its data, clears an overrun, which would else
-                // raise this interrupt without end.
-                let port = unsafe { &*pac::$interrupt::ptr() };
-                if port.sr().read().ore().bit_is_set() && !owned.$rx.is_rx_not_empty() {
-                    let _ = port.dr().read();
-                    $queues.overrun();
-                }
-                if owned.$rx.is_rx_not_empty() {
-                    match owned.$rx.read() {
-                        Ok(byte) => $queues.received(byte),
-                        Err(_) => $queues.overrun(),
-                    }
-                }
-                if owned.$tx.is_tx_empty() {
-                    match $queues.next_to_send() {
-                        // Empty, so it takes the byte.
-                        Some(byte) => owned.$tx.write(byte).unwrap_or(()),
-                        None => owned.$tx.unlisten(),
-                    }
-                }
-            });
-        }
-    };
+/// A serial port.
+struct Usart<U: Instance> {
+    rx: Rx<U>,
+    tx: Tx<U>,
 }
 
-serial_port!(USART2, rx, tx, serial::LINK);
-serial_port!(USART6, robot_rx, robot_tx, serial::ROBOT);
+impl<U: Instance + Ptr<RB = pac::usart1::RegisterBlock>> Registers for &mut Usart<U> {
+    fn receive(&mut self) -> (Option<u8>, bool) {
+        // SAFETY: the handler owns the port; reading its status, then its data, clears an overrun, which would else
+        // raise this interrupt without end.
+        let port = unsafe { &*U::ptr() };
+        let overrun = port.sr().read().ore().bit_is_set() && !self.rx.is_rx_not_empty();
+        if overrun {
+            let _ = port.dr().read();
+        }
+        match self.rx.is_rx_not_empty().then(|| self.rx.read()) {
+            Some(Ok(byte)) => (Some(byte), overrun),
+            Some(Err(_)) => (None, true),
+            None => (None, overrun),
+        }
+    }
+
+    fn can_send(&mut self) -> bool {
+        self.tx.is_tx_empty()
+    }
+
+    fn send(&mut self, byte: u8) {
+        // Empty, so it takes the byte.
+        self.tx.write(byte).unwrap_or(());
+    }
+
+    fn rest(&mut self) {
+        self.tx.unlisten();
+    }
+}
+
+#[interrupt]
+fn USART2() {
+    with_owned(|owned| {
+        serial::LINK.receive_from(&mut owned.link);
+        serial::LINK.send_to(&mut owned.link);
+    });
+}
+
+#[interrupt]
+fn USART6() {
+    with_owned(|owned| {
+        serial::ROBOT.receive_from(&mut owned.robot);
+        serial::ROBOT.send_to(&mut owned.robot);
+    });
+}
 
 #[interrupt]
 fn TIM2() {
