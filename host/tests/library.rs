@@ -133,7 +133,8 @@ fn views_that_no_reader_makes_are_refused_by_number() {
 fn the_limit_of_memory_is_that_of_each_reading() {
     let points: Vec<[f32; 3]> = (0..1_100_000).map(|i| [i as f32 * 1e-4, (i % 1000) as f32, 0.5]).collect();
     let read = |memory: Limit| {
-        RawCloud::new(Coordinates::Single(points.clone())).read("points", &Options { memory, ..Options::default() })
+        RawCloud::new(Coordinates::Single(points.clone()))
+            .read("points", &Options { memory, ..Options::default() })
     };
     let small = || match read(Limit::of_mb(64)) {
         Err(input::Error::TooLarge { bound, most_mb, .. }) => (bound, most_mb),

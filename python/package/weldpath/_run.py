@@ -7,10 +7,11 @@ import json
 import os
 import tempfile
 import webbrowser
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path as FilePath
+from types import MappingProxyType
 from typing import Any, Literal, overload
 
 import numpy as np
@@ -29,6 +30,8 @@ class Reason:
     words: str
     seam: int | None
     accepted: bool
+    values: Mapping[str, float]
+    """What the words say in numbers, such as `error_mm` and `limit_mm`; docs/formats.md lists them."""
 
 
 @dataclass(frozen=True)
@@ -217,7 +220,8 @@ class Run:
     def verdict(self) -> Verdict:
         verdict = self.summary["verdict"]
         reasons = [
-            Reason(one["id"], words(one["words"]), one["seam"], one["accepted"]) for one in verdict["reasons"]
+            Reason(one["id"], words(one["words"]), one["seam"], one["accepted"], MappingProxyType(one["values"]))
+            for one in verdict["reasons"]
         ]
         return Verdict(verdict["state"], tuple(reasons), tuple(verdict["limits"]))
 

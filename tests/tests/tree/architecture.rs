@@ -26,12 +26,13 @@ const CORE: Table = &[
 
 /// A step takes what an earlier one returns, as a parameter; it never calls a later one.
 const METHOD: Table = &[
-    ("geometry", &[]),
+    ("cancellation", &[]),
+    ("geometry", &["cancellation"]),
     ("input", &["geometry"]),
     ("model", &["geometry"]),
-    ("seam", &["geometry", "model"]),
-    ("weld", &["geometry", "seam"]),
-    ("pipeline", &["geometry", "model", "seam", "weld"]),
+    ("seam", &["cancellation", "geometry", "model"]),
+    ("weld", &["cancellation", "geometry", "seam"]),
+    ("pipeline", &["cancellation", "geometry", "model", "seam", "weld"]),
 ];
 
 const JOB: Table = &[("robot", &[]), ("output", &["robot"]), ("run", &["robot", "output"])];

@@ -3,6 +3,8 @@
 //! Every reason has an id that stays the same from version to version; `docs/troubleshooting.md` says what each means and
 //! what to do. A job accepts reasons by their ids, one by one; programs say so in their heads.
 
+use std::collections::BTreeMap;
+
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -155,17 +157,29 @@ pub struct Finding {
     pub words: String,
     /// The seam it is about; none for the whole run.
     pub seam: Option<usize>,
+    /// What the words say in numbers.
+    pub values: Values,
 }
+
+/// Numbers by name, with the unit in it; `docs/formats.md` lists those of each reason.
+pub type Values = BTreeMap<&'static str, f64>;
 
 impl Finding {
     /// Of the whole run.
     pub fn new(id: ReasonId, words: impl Into<String>) -> Self {
-        Self { id, words: words.into(), seam: None }
+        Self { id, words: words.into(), seam: None, values: Values::new() }
     }
 
     /// Of one seam.
     pub fn of_seam(id: ReasonId, seam: usize, words: impl Into<String>) -> Self {
-        Self { id, words: words.into(), seam: Some(seam) }
+        Self { seam: Some(seam), ..Self::new(id, words) }
+    }
+
+    /// With what the words say in numbers; those that are not finite are left out.
+    #[must_use]
+    pub fn with(mut self, values: &[(&'static str, f64)]) -> Self {
+        self.values.extend(values.iter().copied().filter(|(_, value)| value.is_finite()));
+        self
     }
 }
 
@@ -180,6 +194,8 @@ pub struct Reason {
     pub seam: Option<usize>,
     /// Whether the job accepts it.
     pub accepted: bool,
+    /// What the words say in numbers.
+    pub values: Values,
 }
 
 impl Reason {
@@ -205,9 +221,9 @@ pub struct Verdict {
 impl Verdict {
     /// From what stands against a plan, and what of it the job accepts.
     pub fn new(found: impl IntoIterator<Item = Finding>, accepted: &[ReasonId]) -> Self {
-        let reason = |Finding { id, words, seam }| {
+        let reason = |Finding { id, words, seam, values }| {
             let accepted = id.may_be_accepted() && accepted.contains(&id);
-            Reason { id, words, seam, accepted }
+            Reason { id, words, seam, accepted, values }
         };
         let mut reasons: Vec<Reason> = found.into_iter().map(reason).collect();
         reasons.sort_by_key(|reason| (reason.accepted, std::cmp::Reverse(reason.id.state())));

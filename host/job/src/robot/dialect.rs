@@ -96,6 +96,30 @@ impl Dialect {
             Self::Ros => None,
         }
     }
+
+    /// How its controllers know frames and tools; none where a program names neither.
+    pub(crate) fn naming(self) -> Option<Naming> {
+        match self {
+            Self::Ur | Self::Abb => Some(Naming::Name),
+            Self::Kuka | Self::Fanuc => Some(Naming::Number),
+            Self::Ros => None,
+        }
+    }
+
+    /// Whether a program sets frames and tools by way of a position register, and in no other.
+    pub(crate) fn sets_by_register(self) -> bool {
+        match self {
+            Self::Fanuc => true,
+            Self::Ur | Self::Abb | Self::Kuka | Self::Ros => false,
+        }
+    }
+}
+
+/// How a controller knows its frames and tools.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Naming {
+    Name,
+    Number,
 }
 
 /// The unit in which an ABB controller reads the speed of its welddata: by its Arc units.

@@ -18,7 +18,7 @@ pub mod spherical_wrist;
 pub mod suggestion;
 pub mod torch;
 
-use nalgebra::{Isometry3, Quaternion, UnitQuaternion};
+use nalgebra::{Isometry3, Point3, Quaternion, UnitQuaternion};
 use rayon::prelude::*;
 
 use super::posture::{PlannedPosture, ProgramEnd};
@@ -276,6 +276,7 @@ impl<'a> Checker<'a> {
                 worst,
                 touch: Some(touch),
                 odd: None,
+                shift_mm: None,
             })
         };
         ends.filter_map(problem).collect()
@@ -306,8 +307,16 @@ fn torch_from_tool() -> UnitQuaternion<f64> {
 impl PlacedArm {
     /// The flange in the robot's own base frame when the tip is at a station.
     fn robot_from_flange(&self, station: &Station) -> Isometry3<f64> {
-        let turn = station.base_from_torch * torch_from_tool();
-        let base_from_tcp = Isometry3::from_parts(station.tip_mm.into(), turn);
+        self.flange_with(station.tip_mm, station.base_from_torch)
+    }
+
+    /// The same at a waypoint.
+    fn flange_at(&self, waypoint: &Waypoint) -> Isometry3<f64> {
+        self.flange_with(waypoint.position_mm, waypoint.base_from_torch)
+    }
+
+    fn flange_with(&self, tip_mm: Point3<f64>, base_from_torch: UnitQuaternion<f64>) -> Isometry3<f64> {
+        let base_from_tcp = Isometry3::from_parts(tip_mm.into(), base_from_torch * torch_from_tool());
         self.base_from_robot.inv_mul(&base_from_tcp) * self.flange_from_tcp.inverse()
     }
 }

@@ -157,7 +157,8 @@ pub(crate) fn many_seams(welded: &[SeamPath]) -> Option<Finding> {
         "{} seams are welded, half of them shorter than {half_mm:.0} mm: {cause}; --seam, --roi and [[seam]] choose among them",
         welded.len()
     );
-    (welded.len() > MANY).then(|| Finding::new(ReasonId::ManySeams, words))
+    let values = [("seams", welded.len() as f64), ("median_length_mm", half_mm)];
+    (welded.len() > MANY).then(|| Finding::new(ReasonId::ManySeams, words).with(&values))
 }
 
 /// Seams to which the torch does not get, and which the job does not name.
@@ -178,7 +179,7 @@ pub(crate) fn left_inside(path: &SeamPath) -> Finding {
         path.length_mm(),
         path.seam
     );
-    Finding::of_seam(ReasonId::LeftOut, path.seam, words)
+    Finding::of_seam(ReasonId::LeftOut, path.seam, words).with(&[("length_mm", path.length_mm())])
 }
 
 /// Seams that are found but not welded: over the limit, or perhaps contacts with what holds the work, and not accepted.
@@ -204,7 +205,7 @@ fn of_views(views: &[ViewReport], hand_eye: Option<&HandEyeError>) -> Vec<Findin
     if views.len() > 1 && fitting < 2 {
         let words =
             format!("of {} views no two agree: check poses, hand-eye transform and depth scale", views.len());
-        found.push(Finding::new(ReasonId::ViewsDisagree, words));
+        found.push(Finding::new(ReasonId::ViewsDisagree, words).with(&[("views", views.len() as f64)]));
     } else if misfits > 0
         && (misfits > 1 || fitting < LEAST_FITTING)
         && misfits as f64 >= MISFITS_SHARE * views.len() as f64
@@ -215,7 +216,8 @@ fn of_views(views: &[ViewReport], hand_eye: Option<&HandEyeError>) -> Vec<Findin
             if misfits == 1 { "does" } else { "do" },
             names()
         );
-        found.push(Finding::new(ReasonId::PosesDoNotBelong, words));
+        let values = [("misfits", misfits as f64), ("views", views.len() as f64)];
+        found.push(Finding::new(ReasonId::PosesDoNotBelong, words).with(&values));
     } else {
         found.extend(views.iter().filter_map(|view| {
             let words = format!("{} is left out: it {}", view.name, view.left_out.as_ref()?);
@@ -236,7 +238,8 @@ fn hand_eye_wrong(error: &HandEyeError) -> Finding {
          pose that is given as the flange's, or another camera's transform?",
         error.shift_mm, error.turn_deg
     );
-    Finding::new(ReasonId::HandEyeWrong, words)
+    let values = [("shift_mm", error.shift_mm), ("turn_deg", error.turn_deg)];
+    Finding::new(ReasonId::HandEyeWrong, words).with(&values)
 }
 
 fn hand_eye_untested(views: &[ViewReport]) -> Option<Finding> {
@@ -248,7 +251,8 @@ fn hand_eye_untested(views: &[ViewReport]) -> Option<Finding> {
         "the views turn by {widest_deg:.1} deg only: a wrong hand-eye transform, or the pose of a tool in place of the \
          flange's, would not show"
     );
-    (turns.len() > 1 && widest_deg < LEAST_TURN_DEG).then(|| Finding::new(ReasonId::HandEyeUntested, words))
+    let finding = || Finding::new(ReasonId::HandEyeUntested, words).with(&[("turn_deg", widest_deg)]);
+    (turns.len() > 1 && widest_deg < LEAST_TURN_DEG).then(finding)
 }
 
 /// Largest error with which this seam is welded, mm.
@@ -268,14 +272,16 @@ fn of_seams(plan: &Plan) -> Vec<Finding> {
             limit_mm(seam)
         )
     };
+    let values = |seam: &Seam| [("error_mm", seam.relative_error_mm), ("limit_mm", limit_mm(seam))];
     let mut found = Vec::new();
     if !uncertain.is_empty() && uncertain.len() == plan.seams.len() {
-        found.extend(
-            uncertain.iter().map(|seam| Finding::of_seam(ReasonId::ErrorOverLimit, seam.id, words(seam))),
-        );
+        found.extend(uncertain.iter().map(|seam| {
+            Finding::of_seam(ReasonId::ErrorOverLimit, seam.id, words(seam)).with(&values(seam))
+        }));
     } else {
         let left_out = |seam: &&Seam| {
-            Finding::of_seam(ReasonId::SeamUncertain, seam.id, words(seam) + ": it is not welded")
+            let words = words(seam) + ": it is not welded";
+            Finding::of_seam(ReasonId::SeamUncertain, seam.id, words).with(&values(seam))
         };
         found.extend(uncertain.iter().map(left_out));
     }
@@ -319,7 +325,13 @@ fn of_base_frame(plan: &Plan) -> Option<Finding> {
             worst.relative_error_mm,
         )
     };
-    (ratio(&worst) > 1.0).then(|| Finding::of_seam(ReasonId::BaseErrorOverLimit, worst.id, words()))
+    let values = [
+        ("base_error_mm", worst.base_error_mm),
+        ("error_mm", worst.relative_error_mm),
+        ("limit_mm", limit_mm(worst)),
+    ];
+    (ratio(&worst) > 1.0)
+        .then(|| Finding::of_seam(ReasonId::BaseErrorOverLimit, worst.id, words()).with(&values))
 }
 
 /// Seams that leave the scan, or are longer than it is wide.
@@ -338,7 +350,8 @@ fn beyond_scan(plan: &Plan) -> Vec<Finding> {
     let finding = |seam: &Seam| {
         let words =
             format!("it is {:.0} mm long in a scan of {wide_mm:.0} mm, or leaves it", seam.length_mm());
-        Finding::of_seam(ReasonId::BeyondScan, seam.id, words)
+        let values = [("length_mm", seam.length_mm()), ("scan_mm", wide_mm)];
+        Finding::of_seam(ReasonId::BeyondScan, seam.id, words).with(&values)
     };
     plan.seams.iter().filter(beyond).map(finding).collect()
 }
@@ -362,7 +375,8 @@ pub(crate) fn tips_inside(paths: &[SeamPath], model: &PointCloud) -> Vec<Finding
         if deepest_mm > MOST_INSIDE_MM && found.iter().all(|one: &Finding| one.seam != Some(path.seam)) {
             let words =
                 format!("the tip would be {deepest_mm:.1} mm inside what was scanned: check the stand-off");
-            found.push(Finding::of_seam(ReasonId::TipInside, path.seam, words));
+            let finding = Finding::of_seam(ReasonId::TipInside, path.seam, words);
+            found.push(finding.with(&[("inside_mm", deepest_mm)]));
         }
     }
     found
@@ -374,7 +388,8 @@ pub(crate) fn of_problems(problems: &[Problem], arm: &str) -> Vec<Finding> {
     let finding = |(problem, id): (&Problem, ReasonId)| {
         let words = problem.words(arm);
         let named = problem.seam.map(|seam| format!("seam {seam}, ")).unwrap_or_default();
-        Finding { id, words: words.strip_prefix(&named).unwrap_or(&words).to_owned(), seam: problem.seam }
+        let words = words.strip_prefix(&named).unwrap_or(&words);
+        Finding { seam: problem.seam, ..Finding::new(id, words) }.with(&problem.values())
     };
     against.map(finding).collect()
 }

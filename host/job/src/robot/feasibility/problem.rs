@@ -1,7 +1,9 @@
 //! What stands against running a program, seam by seam, in words.
 
+use nalgebra::{Translation3, Vector2};
+
 use super::links::{Obstacle, Touch, deepest};
-use super::{Check, FeasibilitySetup, Oddity, branch};
+use super::{Check, FeasibilitySetup, Oddity, PlacedArm, branch};
 use weldpath_method::weld::program::Waypoint;
 
 /// What is wrong.
@@ -72,6 +74,8 @@ pub struct Problem {
     pub touch: Option<Touch>,
     /// What is odd about how the arm stands.
     pub odd: Option<Oddity>,
+    /// By how much the part would have to be farther from the arm's base for all of it to be in reach, mm; negative if nearer.
+    pub shift_mm: Option<f64>,
 }
 
 /// Below this [`super::arm::Arm::dexterity`] an arm counts as near a singularity: a wrist bent by less than about 5 degrees.
@@ -98,9 +102,24 @@ pub(super) fn found(waypoints: &[Waypoint], checks: &[Check], setup: &Feasibilit
                     known.touch = deepest(known.touch.into_iter().chain(touch));
                 }
                 None => {
-                    problems.push(Problem { kind, seam: owners[i], first: i, last: i, worst, touch, odd })
+                    let seam = owners[i];
+                    problems.push(Problem {
+                        kind,
+                        seam,
+                        first: i,
+                        last: i,
+                        worst,
+                        touch,
+                        odd,
+                        shift_mm: None,
+                    })
                 }
             }
+        }
+    }
+    if let Some(robot) = &setup.robot {
+        for problem in problems.iter_mut().filter(|problem| problem.kind == ProblemKind::OutOfReach) {
+            problem.shift_mm = shift_mm(robot, &waypoints[problem.first..=problem.last]);
         }
     }
     let collisions: Vec<Problem> =
@@ -112,6 +131,26 @@ pub(super) fn found(waypoints: &[Waypoint], checks: &[Check], setup: &Feasibilit
     problems
         .retain(|p| p.kind != ProblemKind::Close || !collisions.iter().any(|collision| p.adjoins(collision)));
     problems
+}
+
+/// So far a part may be moved to bring it into reach, mm; and how exactly that is told.
+const MOST_SHIFT_MM: i32 = 3000;
+const SHIFT_STEP_MM: i32 = 10;
+/// So many waypoints of a run stand for all.
+const SHIFTED: usize = 20;
+
+/// The least way, level and straight from the arm's base (or toward it), that brings all waypoints into reach.
+fn shift_mm(robot: &PlacedArm, waypoints: &[Waypoint]) -> Option<f64> {
+    let every = waypoints.len().div_ceil(SHIFTED);
+    let flanges: Vec<_> = waypoints.iter().step_by(every).map(|waypoint| robot.flange_at(waypoint)).collect();
+    let middle = flanges.iter().map(|flange| flange.translation.vector.xy()).sum::<Vector2<f64>>();
+    let away = middle.try_normalize(1e-9)?;
+    let is_reached = |mm: &i32| {
+        let by = Translation3::from((away * f64::from(*mm)).push(0.0));
+        flanges.iter().all(|flange| !robot.arm.inverse(&(by * flange)).is_empty())
+    };
+    let steps = (SHIFT_STEP_MM..=MOST_SHIFT_MM).step_by(SHIFT_STEP_MM as usize);
+    steps.flat_map(|mm| [-mm, mm]).find(is_reached).map(f64::from)
 }
 
 /// The seam of each waypoint, air moves included.
@@ -201,6 +240,27 @@ impl Problem {
         self.first <= other.last + 1 + MERGED && other.first <= self.last + 1 + MERGED
     }
 
+    /// What the words say in numbers.
+    pub(crate) fn values(&self) -> Vec<(&'static str, f64)> {
+        let worst = self.worst;
+        let waypoints = [("first_waypoint", self.first as f64), ("last_waypoint", self.last as f64)];
+        let measured = match self.kind {
+            ProblemKind::OutOfReach => Some(("distance_mm", worst)),
+            ProblemKind::Limit => Some(("over_deg", -worst)),
+            ProblemKind::Jump => Some(("jump_deg", worst)),
+            ProblemKind::Speed => Some(("speed_share", worst)),
+            ProblemKind::Collision
+            | ProblemKind::LinkCollision
+            | ProblemKind::FromHome
+            | ProblemKind::ToHome => Some(("inside_mm", -worst)),
+            ProblemKind::Singular => Some(("dexterity", worst)),
+            ProblemKind::Close => Some(("clearance_mm", worst)),
+            ProblemKind::OddPosture => None,
+        };
+        let shift = self.shift_mm.map(|mm| ("shift_mm", mm));
+        waypoints.into_iter().chain(measured).chain(shift).collect()
+    }
+
     /// A sentence that names seam, waypoints and what to do.
     pub fn words(&self, arm: &str) -> String {
         let place = match (self.seam, self.first == self.last) {
@@ -210,10 +270,19 @@ impl Problem {
         };
         let worst = self.worst;
         let what = match self.kind {
-            ProblemKind::OutOfReach => format!(
-                "no posture of {arm} brings the torch there, too far or too near (the tip is up to {worst:.0} mm from the \
-                 robot's base): move the part or the robot, or check [robot] and [tool] in the job file"
-            ),
+            ProblemKind::OutOfReach => {
+                let how = match self.shift_mm {
+                    Some(mm) if mm < 0.0 => {
+                        format!("too far: it would have to be {:.0} mm nearer to the base", -mm)
+                    }
+                    Some(mm) => format!("too near: it would have to be {mm:.0} mm farther from the base"),
+                    None => "at this height and with this torch not at any distance".into(),
+                };
+                format!(
+                    "no posture of {arm} brings the torch there, {how} (the tip is up to {worst:.0} mm from it): move the part \
+                     or the robot, or check [robot] and [tool] in the job file"
+                )
+            }
             ProblemKind::Limit => format!(
                 "a joint of {arm} would leave its range by {:.0} degrees: turn the torch about its axis, or move the part",
                 -worst

@@ -127,6 +127,24 @@ fn a_seam_two_metres_away_is_out_of_reach_and_no_turn_of_the_torch_is_suggested(
 }
 
 #[test]
+fn what_is_out_of_reach_is_said_to_be_too_far_or_too_near_and_by_how_much() {
+    let unreached = |name: &str, x_mm: f64| -> Option<Problem> {
+        let report = assessed(&[seam(1, [x_mm, 0.0, 100.0], 0.0)], &PointCloud::default(), &setup(name));
+        report.problems.into_iter().find(|problem| problem.kind == ProblemKind::OutOfReach)
+    };
+    for (name, x_mm, word) in
+        [("ur5e", 2000.0, "too far"), ("ur10e", 1500.0, "too far"), ("abb-irb1600-10-145", 150.0, "too near")]
+    {
+        let problem = unreached(name, x_mm).expect("out of reach");
+        let words = problem.words(name);
+        assert!(words.contains(word), "{words}");
+        let shift_mm = problem.shift_mm.expect("a way");
+        assert!(unreached(name, x_mm + shift_mm).is_none(), "{name}: {words}");
+        assert!(unreached(name, x_mm + shift_mm - 20.0 * shift_mm.signum()).is_some(), "{name}: {words}");
+    }
+}
+
+#[test]
 fn the_base_placement_brings_the_same_seam_within_reach() {
     let mut setup = setup("ur5e");
     let robot = setup.robot.as_mut().unwrap();

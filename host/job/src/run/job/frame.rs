@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::quantity::{Place, RotationVector};
 use super::robot::{Fault, pose};
-use crate::robot::dialect::Dialect;
+use crate::robot::dialect::{Dialect, Naming};
 use crate::robot::frame::{FrameSource, Held, ProgramFrame, ToolSource};
 
 /// `[robot] frame`.
@@ -104,7 +104,7 @@ impl FrameSetting {
         });
         let unfit = || {
             unknown_to(dialects, "frames", number, name, |dialect| {
-                (dialect == Dialect::Fanuc && number.is_none()).then_some(
+                (dialect.sets_by_register() && number.is_none()).then_some(
                     "takes a frame by value only with the number of a user frame and of a spare position register",
                 )
             })
@@ -144,7 +144,7 @@ impl ToolSetting {
         };
         let unfit = || {
             unknown_to(dialects, "tools", number, name, |dialect| {
-                (dialect == Dialect::Kuka && register.is_some())
+                (!dialect.sets_by_register() && register.is_some())
                     .then_some("has no position registers: leave the register out")
             })
         };
@@ -163,12 +163,10 @@ fn unknown_to(
     more: impl Fn(Dialect) -> Option<&'static str>,
 ) -> Option<String> {
     dialects.iter().find_map(|&dialect| {
-        let why = match dialect {
-            Dialect::Ur | Dialect::Abb if number.is_some() => format!("has {things} by name, not by number"),
-            Dialect::Kuka | Dialect::Fanuc if name.is_some() => {
-                format!("has {things} by number, not by name")
-            }
-            _ => more(dialect)?.to_owned(),
+        let why = match dialect.naming()? {
+            Naming::Name if number.is_some() => format!("has {things} by name, not by number"),
+            Naming::Number if name.is_some() => format!("has {things} by number, not by name"),
+            Naming::Name | Naming::Number => more(dialect)?.to_owned(),
         };
         Some(format!("{} {why}", dialect.maker()?.name()))
     })
