@@ -49,7 +49,7 @@ impl Host {
 
     /// The only sign of life. It has to be ahead of all before it, and is as old as the pendant's own time that it brings
     /// back: one that was recorded, repeated or delayed keeps nobody's torch moving.
-    fn hear(&mut self, ping: &Ping, tick: u32) -> bool {
+    pub(super) fn hear(&mut self, ping: &Ping, tick: u32) -> bool {
         let Some(session) = &mut self.session else { return false };
         let age = tick.wrapping_sub(ping.echo);
         let ahead = ping.count.wrapping_sub(session.count) as i32 > 0;

@@ -74,8 +74,8 @@ impl Joint {
         }
     }
 
-    /// Whether the weld fills a groove between its faces, rather than a corner.
-    pub const fn fills_groove(self) -> bool {
+    /// Whether the members lie side by side in one surface: the positions of fillets, PB and PD, are none of theirs.
+    pub const fn is_butt(self) -> bool {
         match self {
             Self::ButtV => true,
             Self::Fillet | Self::Lap | Self::Corner | Self::Pipe | Self::Saddle | Self::Branch => false,

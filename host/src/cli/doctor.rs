@@ -70,7 +70,7 @@ fn readers() -> String {
     let named = |there: bool| -> Vec<&str> {
         optional.iter().filter(|(_, built)| *built == there).map(|(name, _)| *name).collect()
     };
-    let built = format!("depth images, text, STL, OBJ, {}", named(true).join(", "));
+    let built = format!("depth images, text, STL, OBJ, VTK, .npy, {}", named(true).join(", "));
     match named(false).as_slice() {
         [] => built,
         left => format!("{built}; {} left out of this build (--features e57,las)", left.join(", ")),

@@ -34,7 +34,7 @@ use super::{Exit, Failure, print, table, tell, whole};
 /// Plan the torch paths of all seams in a scan
 ///
 /// INPUT is a folder with scan.json (depth images or clouds with robot poses), or one cloud or mesh: PLY, PCD, XYZ,
-/// CSV, STL, OBJ. No option is needed: what depends on the data is derived from it (--verbose prints it).
+/// CSV, STL, OBJ, VTK, .npy. No option is needed: what depends on the data is derived from it (--verbose prints it).
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
     /// Folder with scan.json, or one cloud or mesh

@@ -328,7 +328,7 @@ fn seam_summary(seam: &Seam, lines: &[SeamPath], paths: &[SeamPath], up: UnitVec
         points: passes().map(welded).sum(),
         passes: passes().count(),
         order: order.map(|k| k + 1),
-        positions: positions(line, up, seam.joint.fills_groove()),
+        positions: positions(line, up, seam.joint.is_butt()),
         confidence: finite(seam.confidence),
         expected_error_mm: finite(seam.tip_error_mm()),
         expected_error_deg: finite(seam.tip_error_deg()),

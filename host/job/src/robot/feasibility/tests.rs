@@ -133,7 +133,7 @@ fn what_is_out_of_reach_is_said_to_be_too_far_or_too_near_and_by_how_much() {
         report.problems.into_iter().find(|problem| problem.kind == ProblemKind::OutOfReach)
     };
     for (name, x_mm, word) in
-        [("ur5e", 2000.0, "too far"), ("ur10e", 1500.0, "too far"), ("abb-irb1600-10-145", 150.0, "too near")]
+        [("ur5e", 2000.0, "too far"), ("ur10e", 1500.0, "too far"), ("ur5e", 60.0, "too near")]
     {
         let problem = unreached(name, x_mm).expect("out of reach");
         let words = problem.words(name);
