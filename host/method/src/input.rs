@@ -319,7 +319,7 @@ fn read_any(input: &Path, options: &Options) -> Result<Scan, Error> {
     if input.is_dir() {
         return trajectory::read_folder(input, options);
     }
-    if let Some(raw) = fast::read(input) {
+    if let Some(raw) = fast::read(input, options.memory) {
         return single(raw, input, options);
     }
     let bytes = read_file(input, options.memory)?;
@@ -394,7 +394,7 @@ pub fn triangles(path: &Path, options: &Options) -> Result<Vec<[Point3<f64>; 3]>
 
 /// What one file tells: its points, as they stand in it, and more.
 fn parsed(path: &Path, limit: memory::Limit) -> Result<Raw, Error> {
-    if let Some(raw) = fast::read(path) {
+    if let Some(raw) = fast::read(path, limit) {
         return Ok(raw);
     }
     let bytes = read_file(path, limit)?;

@@ -167,6 +167,9 @@ fn judged(
     let checks = checker.checks(&stations, waypoints.len(), way.as_ref(), Depth::Full);
     let mut problems = checker.problems(waypoints, &checks);
     problems.extend(checker.ways_of_home(waypoints, &checks));
+    if let Some(robot) = &setup.robot {
+        problem::tell_shifts(&mut problems, waypoints, robot);
+    }
     let suggestions = suggest(&checker, &problems);
     let links = checker.links.as_ref();
     Report {

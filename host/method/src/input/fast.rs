@@ -9,6 +9,7 @@ use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
 
 use super::format::{self, Reader};
+use super::memory::Limit;
 use super::raw::Raw;
 use super::records::{Records, append, normals};
 
@@ -18,9 +19,10 @@ const HEAD: usize = 1 << 14;
 const PIECE: usize = 1 << 17;
 
 /// Reads a file of such records; `None` for any other, and where something is amiss: [`super::parse`] tells what.
-pub(super) fn read(path: &Path) -> Option<Raw> {
+pub(super) fn read(path: &Path, limit: Limit) -> Option<Raw> {
     // Asked before it is opened: opening a pipe would block.
-    let length = std::fs::metadata(path).ok().filter(|m| m.is_file())?.len().try_into().ok()?;
+    let length: usize = std::fs::metadata(path).ok().filter(|m| m.is_file())?.len().try_into().ok()?;
+    limit.hold_file(path, length as u64).ok()?;
     let mut file = File::open(path).ok()?;
     let mut head = vec![0; HEAD.min(length)];
     file.read_exact(&mut head).ok()?;
@@ -46,7 +48,6 @@ pub(super) fn read(path: &Path) -> Option<Raw> {
 #[cfg(all(test, feature = "pcd"))]
 mod tests {
     use super::*;
-    use crate::input::memory::Limit;
 
     #[test]
     fn a_file_gives_the_points_that_its_bytes_give_and_a_short_one_is_left_to_its_reader() {
@@ -70,13 +71,13 @@ mod tests {
             std::fs::write(&path, &bytes).unwrap();
             let format = format::of(&bytes, &path).unwrap();
             let (file, memory) = (
-                read(&path).unwrap(),
+                read(&path, Limit::default()).unwrap(),
                 super::super::parse(bytes.clone(), format, &path, Limit::default()).unwrap(),
             );
             assert_eq!((file.positions.len(), &file.positions), (points, &memory.positions));
             assert_eq!((file.viewpoint, file.notes), (memory.viewpoint, memory.notes));
             std::fs::write(&path, &bytes[..header.len() + records.len() - 1]).unwrap();
-            assert!(read(&path).is_none());
+            assert!(read(&path, Limit::default()).is_none());
         }
     }
 
@@ -92,10 +93,10 @@ mod tests {
             // Its head alone could be taken for plain binary.
             assert!(super::super::pcd::records(&text.as_bytes()[..HEAD], text.len(), &path).is_some());
             std::fs::write(&path, &text).unwrap();
-            assert!(read(&path).is_none());
+            assert!(read(&path, Limit::default()).is_none());
             // One byte less, and the line ends within the head.
             std::fs::write(&path, &text[1..]).unwrap();
-            assert_eq!(read(&path).is_some(), rest == "\n");
+            assert_eq!(read(&path, Limit::default()).is_some(), rest == "\n");
         }
     }
 }

@@ -117,11 +117,6 @@ pub(super) fn found(waypoints: &[Waypoint], checks: &[Check], setup: &Feasibilit
             }
         }
     }
-    if let Some(robot) = &setup.robot {
-        for problem in problems.iter_mut().filter(|problem| problem.kind == ProblemKind::OutOfReach) {
-            problem.shift_mm = shift_mm(robot, &waypoints[problem.first..=problem.last]);
-        }
-    }
     let collisions: Vec<Problem> =
         problems.iter().filter(|p| p.kind == ProblemKind::Collision).cloned().collect();
     // Of a program that the arm cannot run nobody asks how it stands.
@@ -138,6 +133,13 @@ const MOST_SHIFT_MM: i32 = 3000;
 const SHIFT_STEP_MM: i32 = 10;
 /// So many waypoints of a run stand for all.
 const SHIFTED: usize = 20;
+
+/// Says of what is out of reach how far the part would have to be moved: of what is told, and not of each trial.
+pub(super) fn tell_shifts(problems: &mut [Problem], waypoints: &[Waypoint], robot: &PlacedArm) {
+    for problem in problems.iter_mut().filter(|problem| problem.kind == ProblemKind::OutOfReach) {
+        problem.shift_mm = shift_mm(robot, &waypoints[problem.first..=problem.last]);
+    }
+}
 
 /// The least way, level and straight from the arm's base (or toward it), that brings all waypoints into reach.
 fn shift_mm(robot: &PlacedArm, waypoints: &[Waypoint]) -> Option<f64> {
@@ -272,15 +274,13 @@ impl Problem {
         let what = match self.kind {
             ProblemKind::OutOfReach => {
                 let how = match self.shift_mm {
-                    Some(mm) if mm < 0.0 => {
-                        format!("too far: it would have to be {:.0} mm nearer to the base", -mm)
-                    }
-                    Some(mm) => format!("too near: it would have to be {mm:.0} mm farther from the base"),
-                    None => "at this height and with this torch not at any distance".into(),
+                    Some(mm) if mm < 0.0 => format!("too far: it would have to be {:.0} mm nearer", -mm),
+                    Some(mm) => format!("too near: it would have to be {mm:.0} mm farther away"),
+                    None => "and none would at another distance".into(),
                 };
                 format!(
-                    "no posture of {arm} brings the torch there, {how} (the tip is up to {worst:.0} mm from it): move the part \
-                     or the robot, or check [robot] and [tool] in the job file"
+                    "no posture of {arm} brings the torch there, {how} (the tip is up to {worst:.0} mm from the robot's \
+                     base): move the part or the robot, or check [robot] and [tool] in the job file"
                 )
             }
             ProblemKind::Limit => format!(
