@@ -263,6 +263,14 @@ impl Problem {
         waypoints.into_iter().chain(measured).chain(shift).collect()
     }
 
+    fn shift_words(&self) -> String {
+        match self.shift_mm {
+            Some(mm) if mm < 0.0 => format!("too far: it would have to be {:.0} mm nearer", -mm),
+            Some(mm) => format!("too near: it would have to be {mm:.0} mm farther away"),
+            None => "and none would at another distance".into(),
+        }
+    }
+
     /// A sentence that names seam, waypoints and what to do.
     pub fn words(&self, arm: &str) -> String {
         let place = match (self.seam, self.first == self.last) {
@@ -272,17 +280,11 @@ impl Problem {
         };
         let worst = self.worst;
         let what = match self.kind {
-            ProblemKind::OutOfReach => {
-                let how = match self.shift_mm {
-                    Some(mm) if mm < 0.0 => format!("too far: it would have to be {:.0} mm nearer", -mm),
-                    Some(mm) => format!("too near: it would have to be {mm:.0} mm farther away"),
-                    None => "and none would at another distance".into(),
-                };
-                format!(
-                    "no posture of {arm} brings the torch there, {how} (the tip is up to {worst:.0} mm from the robot's \
-                     base): move the part or the robot, or check [robot] and [tool] in the job file"
-                )
-            }
+            ProblemKind::OutOfReach => format!(
+                "no posture of {arm} brings the torch there, {} (the tip is up to {worst:.0} mm from the robot's base): move the \
+                 part or the robot, or check [robot] and [tool] in the job file",
+                self.shift_words()
+            ),
             ProblemKind::Limit => format!(
                 "a joint of {arm} would leave its range by {:.0} degrees: turn the torch about its axis, or move the part",
                 -worst
