@@ -170,7 +170,8 @@ def _of_open3d(source: Any) -> tuple[Any, Any, Any] | None:
 def words(text: str) -> str:
     """Options of the command as what they are called here."""
     text = re.sub(r"--(units|frame) (m|mm|camera|base)\b", r'\1="\2"', text)
-    text = text.replace("--camera x,y,z", "camera_mm=(x, y, z)").replace("--allow-outside", "allow_outside=True").replace("--memory-mb", "memory_mb")
+    text = text.replace("--camera x,y,z", "camera_mm=(x, y, z)").replace("--allow-outside", "allow_outside=True")
+    text = text.replace("--memory-mb", "memory_mb")
     return text.replace("--depth-scale-m", "depth_scale_m").replace("--units", "units")
 
 
