@@ -13,7 +13,6 @@ use std::sync::Arc;
 
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
-use weldpath::input::memory::Limit;
 use weldpath::robot::dialect::Dialect;
 use weldpath::run::planning::{self, Allowed};
 use weldpath::{CameraPose, Job, PosedViews, RawCloud, RawView, Transform, input};
@@ -52,8 +51,7 @@ impl PyJob {
         let text = toml::to_string(&value).map_err(python::<errors::JobError>)?;
         let path = file.unwrap_or_else(|| "job".into());
         let job = Job::parse(&text, &path).map_err(|error| job_error(&error))?;
-        let memory = memory_mb.map_or_else(Limit::default, Limit::of_mb);
-        Ok(Self { job, allowed: Allowed { outside: allow_outside, memory } })
+        Ok(Self { job, allowed: Allowed::new(allow_outside, memory_mb) })
     }
 }
 

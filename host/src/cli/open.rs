@@ -56,7 +56,7 @@ const EXAMPLE: &str = "weldpath-example";
 const JOB: &str = "job.toml";
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    let allowed = plan::allowed(args.allow_outside, args.memory_mb);
+    let allowed = Allowed::new(args.allow_outside, args.memory_mb);
     let how = How { folder: args.folder, allowed, keeps: !args.no_cache };
     let announce = |address: &str, ticket: &str| announce(address, (!args.no_browser).then_some(ticket));
     let port = args.port.unwrap_or(0);

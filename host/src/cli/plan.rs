@@ -4,7 +4,6 @@ use std::path::{Path, PathBuf};
 
 use weldpath::files::{File, reading};
 use weldpath::input;
-use weldpath::input::memory::Limit;
 use weldpath::output::verdict::{Reason, ReasonId, State};
 use weldpath::pipeline::{self, Method, Observer};
 use weldpath::report;
@@ -182,11 +181,6 @@ pub(super) struct Args {
 /// Files that every plan writes, whatever it finds.
 pub(super) const CERTAIN: &[&str] = &["path.csv", "path.json", "model.ply", "summary.json"];
 
-/// What reading may do, as it was asked for.
-pub(super) fn allowed(outside: bool, memory_mb: Option<u64>) -> Allowed {
-    Allowed { outside, memory: memory_mb.map_or_else(Limit::default, Limit::of_mb) }
-}
-
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let job = job(args)?;
     let folder = Folder::new(&args.out, args.folder, args.quiet).given(args.job.as_deref());
@@ -194,7 +188,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let mut progress = Progress::new(args.quiet, args.dump_stages, !args.no_report);
     // The clouds after each stage are kept nowhere: the stages have to be gone through.
     let kept = if args.no_cache || args.dump_stages { Kept::default() } else { Kept::within(&args.out) };
-    let allowed = allowed(args.allow_outside, args.memory_mb);
+    let allowed = Allowed::new(args.allow_outside, args.memory_mb);
     let result = planning::find(&job, allowed, &kept, &mut progress, Progress::take_recording);
     let is_kept = !progress.has_begun();
     let found = match result {

@@ -18,6 +18,13 @@ pub struct Allowed {
     pub memory: Limit,
 }
 
+impl Allowed {
+    /// As it was asked for; without a number the usual limit holds.
+    pub fn new(outside: bool, memory_mb: Option<u64>) -> Self {
+        Self { outside, memory: memory_mb.map_or_else(Limit::default, Limit::of_mb) }
+    }
+}
+
 /// Reads the input that the job names, and what was there before.
 ///
 /// # Errors
