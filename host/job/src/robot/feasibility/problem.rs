@@ -131,8 +131,6 @@ pub(super) fn found(waypoints: &[Waypoint], checks: &[Check], setup: &Feasibilit
 /// So far a part may be moved to bring it into reach, mm; and how exactly that is told.
 const MOST_SHIFT_MM: i32 = 3000;
 const SHIFT_STEP_MM: i32 = 10;
-/// So many waypoints of a run stand for all.
-const SHIFTED: usize = 20;
 
 /// Says of what is out of reach how far the part would have to be moved: of what is told, and not of each trial.
 pub(super) fn tell_shifts(problems: &mut [Problem], waypoints: &[Waypoint], robot: &PlacedArm) {
@@ -143,13 +141,18 @@ pub(super) fn tell_shifts(problems: &mut [Problem], waypoints: &[Waypoint], robo
 
 /// The least way, level and straight from the arm's base (or toward it), that brings all waypoints into reach.
 fn shift_mm(robot: &PlacedArm, waypoints: &[Waypoint]) -> Option<f64> {
-    let every = waypoints.len().div_ceil(SHIFTED);
-    let flanges: Vec<_> = waypoints.iter().step_by(every).map(|waypoint| robot.flange_at(waypoint)).collect();
-    let middle = flanges.iter().map(|flange| flange.translation.vector.xy()).sum::<Vector2<f64>>();
-    let away = middle.try_normalize(1e-9)?;
+    let flanges: Vec<_> = waypoints.iter().map(|waypoint| robot.flange_at(waypoint)).collect();
+    // Toward the tips, as a person would move the part: the flanges may lean aside.
+    let tips = waypoints.iter().map(|waypoint| robot.base_from_robot.inverse() * waypoint.position_mm);
+    let away = tips.map(|tip| tip.coords.xy()).sum::<Vector2<f64>>().try_normalize(1e-9)?;
+    // What was out of reach a step before mostly is so again: it is asked first.
+    let mut hardest = 0;
     let is_reached = |mm: &i32| {
         let by = Translation3::from((away * f64::from(*mm)).push(0.0));
-        flanges.iter().all(|flange| !robot.arm.inverse(&(by * flange)).is_empty())
+        let is_missed = |k: &usize| robot.arm.inverse(&(by * flanges[*k])).is_empty();
+        let missed = std::iter::once(hardest).chain(0..flanges.len()).find(is_missed);
+        hardest = missed.unwrap_or(hardest);
+        missed.is_none()
     };
     let steps = (SHIFT_STEP_MM..=MOST_SHIFT_MM).step_by(SHIFT_STEP_MM as usize);
     steps.flat_map(|mm| [-mm, mm]).find(is_reached).map(f64::from)
