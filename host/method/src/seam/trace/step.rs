@@ -70,6 +70,8 @@ const GHOST_SHARE: f32 = 0.5;
 
 /// Least shift of a layer's centre from a point at its edge, as a share of the radius; 0.42 on a straight edge.
 const ASYMMETRY: f32 = 0.2;
+/// The same before a point was moved onto its thin layer, which is dear: its noise may have hidden half of the shift.
+const LIKELY_ASYMMETRY: f32 = 0.5 * ASYMMETRY;
 /// Least room on the lower layer, in heights of the step: less would melt that layer's own edge.
 pub(crate) const ROOM_HEIGHTS: f32 = 2.5;
 // The rest was chosen on the simulated scans.
@@ -152,8 +154,14 @@ impl<'a> Layers<'a> {
         let v = self.voxel_mm;
         let at = self.grid.point(slot);
         let mut normal = self.layers_normal(&at, &self.normals[slot])?;
-        let at = if self.is_thin() { self.on_layer(at, &mut normal)? } else { at };
-        let out = self.way_out(&at, &normal)?;
+        let out = self.way_out(&at, &normal, if self.is_thin() { LIKELY_ASYMMETRY } else { ASYMMETRY })?;
+        let (at, out) = match self.is_thin() {
+            true => {
+                let at = self.on_layer(at, &mut normal)?;
+                (at, self.way_out(&at, &normal, ASYMMETRY)?)
+            }
+            false => (at, out),
+        };
         let along = normal.cross(&out);
         let mut edge = 0.0f32;
         self.layer(&at, &normal, self.config.radius * v, |d| {
@@ -260,8 +268,8 @@ impl<'a> Layers<'a> {
         });
     }
 
-    /// Unit direction in which the layer ends here.
-    fn way_out(&self, at: &Point3<f32>, normal: &Vector3<f32>) -> Option<Vector3<f32>> {
+    /// Unit direction in which the layer ends here, if its centre is off by this share of the radius.
+    fn way_out(&self, at: &Point3<f32>, normal: &Vector3<f32>, asymmetry: f32) -> Option<Vector3<f32>> {
         let radius = self.config.radius * self.voxel_mm;
         let (mut sum, mut count) = (Vector3::zeros(), 0.0);
         self.layer(at, normal, radius, |d| {
@@ -269,7 +277,7 @@ impl<'a> Layers<'a> {
             count += 1.0;
         });
         let shift = (sum - normal * sum.dot(normal)) / count;
-        (count >= LEAST_POINTS && shift.norm() > ASYMMETRY * radius).then(|| -shift.normalize())
+        (count >= LEAST_POINTS && shift.norm() > asymmetry * radius).then(|| -shift.normalize())
     }
 
     /// How far below the next parallel layer beyond the edge lies.
