@@ -10,8 +10,7 @@ use rayon::prelude::*;
 /// normal and level, until fewer than `least_share` of all are left. Points know better than normals, which a thin noisy voxel
 /// has hardly any of.
 pub fn planes(points: &[Point3<f32>], half_mm: f32, least_share: f32) -> Vec<(Vector3<f32>, f32)> {
-    let step = points.len() / CONSENSUS + 1;
-    let mut left: Vec<Vector3<f32>> = points.iter().step_by(step).map(|p| p.coords).collect();
+    let mut left = sample(points);
     let least = (least_share * left.len() as f32) as usize;
     let mut found = Vec::new();
     while found.len() < PLANES && left.len() > least.max(3) {
@@ -20,6 +19,15 @@ pub fn planes(points: &[Point3<f32>], half_mm: f32, least_share: f32) -> Vec<(Ve
         found.push(best);
     }
     found
+}
+
+/// The first of them; none of fewer than three points.
+pub(crate) fn largest_plane(points: &[Point3<f32>], half_mm: f32) -> Option<(Vector3<f32>, f32)> {
+    (points.len() > 2).then(|| consensus(&sample(points), half_mm))?
+}
+
+fn sample(points: &[Point3<f32>]) -> Vec<Vector3<f32>> {
+    points.iter().step_by(points.len() / CONSENSUS + 1).map(|p| p.coords).collect()
 }
 
 /// The plane through three of the points that most of them are near to.

@@ -270,6 +270,16 @@ fn open3d_poses(value: &Value, file: &Path, unit: Unit) -> Result<Vec<Stamped>, 
     cameras.iter().enumerate().map(pose).collect()
 }
 
+/// Whether numbers may be a line of poses: no length is as large as this, but seconds since 1970 are, in TUM's first column.
+fn is_pose(row: &[f64]) -> bool {
+    const MOST: f64 = 1e9;
+    let numbers = if row.len() == TUM_COLUMNS { &row[1..] } else { row };
+    row.iter().all(|number| number.is_finite()) && numbers.iter().all(|number| number.abs() < MOST)
+}
+
+/// Time, position and quaternion.
+const TUM_COLUMNS: usize = 8;
+
 fn poses(text: &str, file: &Path, unit: Unit) -> Result<Vec<Stamped>, Error> {
     let mut rows = Vec::new();
     for (i, line) in text.lines().enumerate() {
@@ -278,11 +288,11 @@ fn poses(text: &str, file: &Path, unit: Unit) -> Result<Vec<Stamped>, Error> {
         }
         let row: Result<Vec<f64>, _> = line.split_ascii_whitespace().map(str::parse).collect();
         match row {
-            Ok(row) if row.iter().all(|v| v.abs() < 1e9) => rows.push((i + 1, row)),
+            Ok(row) if is_pose(&row) => rows.push((i + 1, row)),
             _ => return Err(Error::malformed(file, format!("line {}", i + 1), "not a row of numbers", HELP)),
         }
     }
-    let tum = rows.first().is_some_and(|(_, row)| row.len() == 8);
+    let tum = rows.first().is_some_and(|(_, row)| row.len() == TUM_COLUMNS);
     let read = |chunk: &[(usize, Vec<f64>)]| {
         let time = chunk[0].1.first().copied().filter(|_| tum);
         let pose = if tum { tum_pose(&chunk[0].1, unit) } else { redwood_pose(chunk, unit) };
@@ -369,7 +379,7 @@ mod tests {
         // A quarter turn about z, then 1, 2, 3 m.
         let redwood = read("0 0 1\n0 -1 0 1\n1 0 0 2\n0 0 1 3\n0 0 0 1\n").unwrap();
         let half = std::f64::consts::FRAC_1_SQRT_2;
-        let tum = read(&format!("# time x y z q\n12.5 1 2 3 0 0 {half} {half}\n")).unwrap();
+        let tum = read(&format!("# time x y z q\n1305031102.1611 1 2 3 0 0 {half} {half}\n")).unwrap();
         let point = nalgebra::Point3::new(10.0, 0.0, 0.0);
         for pose in [redwood[0], tum[0]] {
             assert!((pose * point - nalgebra::Point3::new(1000.0, 2010.0, 3000.0)).norm() < 1e-9);

@@ -9,6 +9,7 @@ mod report;
 mod sight;
 
 use crate::geometry::cloud::View;
+use crate::geometry::table;
 use crate::model::normals::Patches;
 use crate::model::reconstruction::{self, ReconstructionConfig, Registration};
 pub use hand_eye::HandEyeError;
@@ -16,7 +17,7 @@ use nalgebra::{Isometry3, Point3};
 use rayon::prelude::*;
 pub use report::ViewReport;
 use serde::{Deserialize, Serialize};
-use sight::{DepthMap, Sight};
+use sight::{APART_MM, DepthMap, Sight};
 use std::borrow::Cow;
 
 /// How far from what the robot reported a view may come to lie, in multiples of one standard deviation of a reported pose:
@@ -27,6 +28,11 @@ const POSE_MM: f64 = 2.0;
 const POSE_DEG: f64 = 0.5;
 /// Share of what a view shows, among what others judge, that they look through: beyond it the view is elsewhere.
 const MOST_THROUGH: f64 = 0.10;
+/// The same of what stands out of the largest plane. A table covers itself however it is moved along itself, and is most of what
+/// is judged: poses that put a part at five places of it leave 95 % of all patches on what others see. Of the 70 scans with
+/// right poses that were tried, made by two simulators, others look through 1 % of what stands out as a rule and 9 % of
+/// a hundred patches at most; with poses 20 mm and more off, through 20 to 98 %.
+const MOST_STANDING_THROUGH: f64 = 0.15;
 /// Share of a view's overlapping patches that lie on other views: below it the view lies on nothing.
 const LEAST_FITNESS: f64 = 0.5;
 /// Share of a view's patches near those of others below which their fitness tells nothing: that such a view could not be
@@ -79,6 +85,11 @@ pub enum Misfit {
         /// Share of what others judge.
         share: f64,
     },
+    /// Others look through what stands out of the largest plane in it.
+    StandingThrough {
+        /// Share of what others judge of that.
+        share: f64,
+    },
     /// It does not lie on what others see.
     Apart {
         /// Share of the overlapping patches that lie on other views.
@@ -97,6 +108,10 @@ impl Misfit {
             Self::Through { share } => {
                 format!("shows surfaces where other views look through ({:.0} % of it)", 100.0 * share)
             }
+            Self::StandingThrough { share } => format!(
+                "shows surfaces where other views look through ({:.0} % of what stands out of its largest plane)",
+                100.0 * share
+            ),
             Self::Apart { fitness } => {
                 format!(
                     "lies on what other views see with only {:.0} % of what it shares with them",
@@ -178,10 +193,11 @@ impl Agreement {
         };
         let misfits = (0..self.kept.len()).flat_map(|k| {
             let (shift_mm, turn_deg) = moved[k];
-            let (share, fitness) = (through[k], fitness(k));
+            let ([share, standing], fitness) = (through[k], fitness(k));
             [
                 (sigmas(shift_mm, turn_deg) / MOST_SIGMAS, k, Misfit::Moved { shift_mm, turn_deg }),
                 (share / MOST_THROUGH, k, Misfit::Through { share }),
+                (standing / MOST_STANDING_THROUGH, k, Misfit::StandingThrough { share: standing }),
                 (LEAST_FITNESS / fitness.max(1e-3), k, Misfit::Apart { fitness }),
             ]
         });
@@ -238,42 +254,82 @@ fn relative(corrections: &[Isometry3<f64>], poses: &[Isometry3<f64>]) -> Vec<(f6
     reference.map_or_else(Vec::new, against)
 }
 
-/// Share of what each view shows, among what others judge, that they look through, or that it looks through of theirs.
-fn through(found: &Agreement, patches: &[Patches]) -> Vec<f64> {
+/// Shares of what each view shows, among what others judge, that they look through, or that it looks through of theirs: of all, and of
+/// what stands out of the largest plane.
+fn through(found: &Agreement, patches: &[Patches]) -> Vec<[f64; 2]> {
     let kept = &found.kept;
     let maps: Vec<DepthMap> = kept.par_iter().map(|&k| DepthMap::new(&patches[k])).collect();
     let pairs: Vec<(usize, usize)> =
         (0..kept.len()).flat_map(|i| (0..kept.len()).filter(move |&j| j != i).map(move |j| (i, j))).collect();
     let poses = &found.registration.base_from_camera;
-    let judged: Vec<[usize; 2]> = pairs
-        .par_iter()
-        .map(|&(i, j)| judged(&patches[kept[i]], &maps[j], &(poses[j].inverse() * poses[i])))
-        .collect();
-    let mut counts = vec![[0; 2]; kept.len()];
-    for ((i, j), [at, through]) in pairs.into_iter().zip(judged) {
+    let asked: Vec<Vec<Asked>> = asked(found, patches);
+    let judged: Vec<[Judged; 2]> =
+        pairs.par_iter().map(|&(i, j)| judged(&asked[i], &maps[j], &poses[j].inverse().cast())).collect();
+    let mut counts = vec![[Judged::default(); 2]; kept.len()];
+    for ((i, j), judged) in pairs.into_iter().zip(judged) {
         for k in [i, j] {
-            counts[k][0] += at;
-            counts[k][1] += through;
+            counts[k].iter_mut().zip(&judged).for_each(|(count, judged)| count.add(judged));
         }
     }
-    let share = |[at, through]: &[usize; 2]| match at + through {
-        judged if judged < LEAST_JUDGED => 0.0,
-        judged => *through as f64 / judged as f64,
-    };
-    counts.iter().map(share).collect()
+    counts.iter().map(|count| count.map(|judged| judged.share())).collect()
 }
 
-/// How many patches of a view lie on what another sees, and how many it looks through.
-fn judged(patches: &Patches, map: &DepthMap, map_from_patches: &Isometry3<f64>) -> [usize; 2] {
-    let motion = map_from_patches.cast::<f32>();
-    let step = (patches.cloud.len() / ASKED).max(1);
-    let mut counts = [0; 2];
-    for p in patches.cloud.points_mm.iter().step_by(step) {
-        match map.sight(&(motion * p)) {
-            Sight::At => counts[0] += 1,
-            Sight::Through => counts[1] += 1,
-            Sight::Unknown => {}
+/// A patch that others are asked about.
+struct Asked {
+    /// In the base frame, mm.
+    place: Point3<f32>,
+    /// Whether it stands out of the largest plane.
+    stands: bool,
+}
+
+/// Of each view, what the others are asked about.
+fn asked(found: &Agreement, patches: &[Patches]) -> Vec<Vec<Asked>> {
+    let places = |(&k, pose): (&usize, &Isometry3<f64>)| -> Vec<Point3<f32>> {
+        let (points, base_from_camera) = (&patches[k].cloud.points_mm, pose.cast::<f32>());
+        let step = (points.len() / ASKED).max(1);
+        points.iter().step_by(step).map(|p| base_from_camera * p).collect()
+    };
+    let places: Vec<Vec<_>> =
+        found.kept.iter().zip(&found.registration.base_from_camera).map(places).collect();
+    let plane = table::largest_plane(&places.concat(), 0.5 * APART_MM);
+    let stands = |place: &Point3<f32>| {
+        plane.is_some_and(|(normal, level_mm)| (normal.dot(&place.coords) - level_mm).abs() > APART_MM)
+    };
+    let asked = |place: Point3<f32>| Asked { stands: stands(&place), place };
+    places.into_iter().map(|places| places.into_iter().map(asked).collect()).collect()
+}
+
+/// How many patches lie on what another view sees, and how many it looks through.
+#[derive(Debug, Clone, Copy, Default)]
+struct Judged {
+    at: usize,
+    through: usize,
+}
+
+impl Judged {
+    fn add(&mut self, other: &Self) {
+        self.at += other.at;
+        self.through += other.through;
+    }
+
+    fn share(self) -> f64 {
+        match self.at + self.through {
+            judged if judged < LEAST_JUDGED => 0.0,
+            judged => self.through as f64 / judged as f64,
         }
+    }
+}
+
+/// What another view says of these patches: of all, and of those that stand out.
+fn judged(asked: &[Asked], map: &DepthMap, map_from_base: &Isometry3<f32>) -> [Judged; 2] {
+    let mut counts = [Judged::default(); 2];
+    for patch in asked {
+        let one = match map.sight(&(map_from_base * patch.place)) {
+            Sight::At => Judged { at: 1, through: 0 },
+            Sight::Through => Judged { at: 0, through: 1 },
+            Sight::Unknown => continue,
+        };
+        counts.iter_mut().take(1 + usize::from(patch.stands)).for_each(|count| count.add(&one));
     }
     counts
 }

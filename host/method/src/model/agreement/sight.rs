@@ -4,7 +4,7 @@ use crate::model::normals::Patches;
 use nalgebra::{Point3, Unit, Vector3};
 
 /// Nearer or farther by so much is another surface, mm: three standard deviations of a reported camera position.
-const APART_MM: f32 = 6.0;
+pub(super) const APART_MM: f32 = 6.0;
 /// Cells of a direction hold some patches, so that none of a closed surface is empty: its edge in mean patch edges.
 const CELL_PATCHES: f32 = 2.0;
 /// Most cells along an edge of the map.
