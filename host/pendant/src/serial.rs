@@ -81,6 +81,7 @@ impl FromStr for Address {
     type Err = String;
     fn from_str(text: &str) -> Result<Self, String> {
         let is_port = |text: &str| text.parse::<u16>().is_ok();
+        let text = text.strip_prefix("tcp://").unwrap_or(text);
         match text.split_once(':') {
             _ if text.is_empty() => Err("empty; write /dev/ttyACM0, host:port or unix:/path".into()),
             Some(("unix", path)) if !path.is_empty() => Ok(Self::Unix(path.into())),
@@ -183,6 +184,7 @@ mod tests {
             ("localhost:4000", tcp("localhost:4000")),
             ("tcp:[::1]:4000", tcp("[::1]:4000")),
             ("unix:/run/pendant", Address::Unix("/run/pendant".into())),
+            ("tcp://10.0.0.7:4000", tcp("10.0.0.7:4000")),
         ] {
             assert_eq!(text.parse(), Ok(address), "{text}");
         }

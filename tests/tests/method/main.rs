@@ -31,3 +31,4 @@ mod strays;
 mod threads;
 mod touch;
 mod welding;
+mod wrong_poses;

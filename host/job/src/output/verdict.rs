@@ -102,6 +102,8 @@ reasons! {
     ViewLeftOut => "view-left-out", Check;
     /// A view could not be registered.
     ViewUnregistered => "view-unregistered", Check;
+    /// The views fit each other only with their poses moved by more than the job states of the robot.
+    PosesScatter => "poses-scatter", Check;
     /// The views turn too little to show an error of the hand-eye transform, or a tool in place of the flange.
     HandEyeUntested => "hand-eye-untested", Check;
     /// Nothing says where the robot's base is: a mesh, or a cloud merged elsewhere.

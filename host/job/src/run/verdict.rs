@@ -14,7 +14,7 @@ use crate::robot::feasibility::Report;
 use crate::robot::feasibility::problem::{Problem, ProblemKind};
 use crate::robot::posture::Maker;
 use crate::run::access;
-use crate::run::job::Job;
+use crate::run::job::{Job, ScanSettings};
 use crate::run::selection;
 use weldpath_method::geometry::cloud::PointCloud;
 use weldpath_method::geometry::grid::Grid;
@@ -45,6 +45,8 @@ const LEAST_FITTING: usize = 3;
 const MOST_INSIDE_MM: f64 = 3.0;
 /// So many points of a pass in a row, so that a flying pixel is no work.
 const INSIDE_POINTS: usize = 3;
+/// A torch that touches the work finds a seam that is so far off, mm; cells of which nothing is stated leave 7 mm unknown.
+const MOST_BASE_ERROR_MM: f64 = 20.0;
 /// Points of the model about a place, mm.
 const ABOUT_MM: f32 = 30.0;
 /// A seam lies in what was scanned, and winds less often than this across it.
@@ -130,6 +132,7 @@ pub fn of_plan(plan: &Plan, job: &Job) -> Vec<Finding> {
         found.push(Finding::new(ReasonId::SideAssumed, words));
     }
     found.extend(of_base_frame(plan));
+    found.extend(of_scatter(plan, job));
     if job.tool.is_none() {
         let words = "no [tool] is given: the TCP that is set on the controller has to be the tip of the wire";
         found.push(Finding::new(ReasonId::ToolNotStated, words));
@@ -262,29 +265,40 @@ fn limit_mm(seam: &Seam) -> f64 {
     thickness_mm.map_or(MOST_ERROR_MM, |mm| (PLATE_SHARE * mm).clamp(LEAST_LIMIT_MM, MOST_ERROR_MM))
 }
 
-fn of_seams(plan: &Plan) -> Vec<Finding> {
-    let over = |seam: &&Seam| seam.relative_error_mm.is_nan() || seam.relative_error_mm > limit_mm(seam);
-    let uncertain: Vec<&Seam> = plan.seams.iter().filter(over).collect();
-    let words = |seam: &Seam| {
-        format!(
-            "its expected error within the scan of {:.2} mm is over {:.2} mm",
-            seam.relative_error_mm,
-            limit_mm(seam)
-        )
-    };
-    let values = |seam: &Seam| [("error_mm", seam.relative_error_mm), ("limit_mm", limit_mm(seam))];
-    let mut found = Vec::new();
-    if !uncertain.is_empty() && uncertain.len() == plan.seams.len() {
-        found.extend(uncertain.iter().map(|seam| {
-            Finding::of_seam(ReasonId::ErrorOverLimit, seam.id, words(seam)).with(&values(seam))
-        }));
-    } else {
-        let left_out = |seam: &&Seam| {
-            let words = words(seam) + ": it is not welded";
-            Finding::of_seam(ReasonId::SeamUncertain, seam.id, words).with(&values(seam))
+/// An error of a seam that is over what it may be.
+struct Excess {
+    seam: usize,
+    error_mm: f64,
+    limit_mm: f64,
+    /// Of what it is the error.
+    within: &'static str,
+}
+
+impl Excess {
+    fn of(seam: &Seam) -> Option<Self> {
+        let excess = |error_mm: f64, limit_mm, within| {
+            let is_over = error_mm.is_nan() || error_mm > limit_mm;
+            is_over.then_some(Self { seam: seam.id, error_mm, limit_mm, within })
         };
-        found.extend(uncertain.iter().map(left_out));
+        let within_scan = excess(seam.relative_error_mm, limit_mm(seam), "within the scan");
+        within_scan.or_else(|| excess(seam.base_error_mm, MOST_BASE_ERROR_MM, "in the robot's base frame"))
     }
+
+    fn finding(&self, id: ReasonId, consequence: &str) -> Finding {
+        let Self { seam, error_mm, limit_mm, within } = self;
+        let words =
+            format!("its expected error {within} of {error_mm:.2} mm is over {limit_mm:.2} mm{consequence}");
+        Finding::of_seam(id, *seam, words).with(&[("error_mm", *error_mm), ("limit_mm", *limit_mm)])
+    }
+}
+
+fn of_seams(plan: &Plan) -> Vec<Finding> {
+    let uncertain: Vec<Excess> = plan.seams.iter().filter_map(Excess::of).collect();
+    let (id, consequence) = match uncertain.len() == plan.seams.len() {
+        true => (ReasonId::ErrorOverLimit, ""),
+        false => (ReasonId::SeamUncertain, ": it is not welded"),
+    };
+    let mut found: Vec<Finding> = uncertain.iter().map(|excess| excess.finding(id, consequence)).collect();
     let contact = |seam: &Seam| {
         let words = format!("{}. It is not welded", seam.contact?.words());
         Some(Finding::of_seam(ReasonId::MayBeContact, seam.id, words))
@@ -332,6 +346,19 @@ fn of_base_frame(plan: &Plan) -> Option<Finding> {
     ];
     (ratio(&worst) > 1.0)
         .then(|| Finding::of_seam(ReasonId::BaseErrorOverLimit, worst.id, words()).with(&values))
+}
+
+/// Poses that scatter more than the job states of its robot: where the accuracy was stated, it is not chance. The stated errors follow
+/// from poses that err at random, and hold no mistake that moves views in step with the flange.
+fn of_scatter(plan: &Plan, job: &Job) -> Option<Finding> {
+    let [stated, assumed] = [&job.scan, &ScanSettings::default()].map(|scan| (scan.robot_mm, scan.robot_deg));
+    let cell = plan.derived.base_frame.as_ref().filter(|cell| stated != assumed && cell.is_scattered())?;
+    let words = format!(
+        "the views fit each other if their poses are moved by {:.2} mm and {:.2} deg, {:.1} and {:.1} times what [scan] states of the          robot: its errors, or a mistake in hand-eye transform, tool or depth scale that the stated errors do not hold",
+        cell.robot_mm, cell.robot_deg, cell.scale_mm, cell.scale_deg
+    );
+    let values = [("of_stated_mm", cell.scale_mm), ("of_stated_deg", cell.scale_deg)];
+    Some(Finding::new(ReasonId::PosesScatter, words).with(&values))
 }
 
 /// Seams that leave the scan, or are longer than it is wide.

@@ -2,7 +2,7 @@
 //!
 //! What is drawn has exact planes: two facets of one plane agree to the last digit of the file. What is measured has noise at
 //! every vertex, so that no two facets do; what is drawn and curved everywhere is smooth at least. A depth camera's picture with
-//! faces is known by its pixels, whatever its planes.
+//! faces is known by its pixels, whatever its planes. What was sampled in a grid and smoothed has neither noise nor a sharp fold.
 
 use nalgebra::{Matrix3, Point3, SMatrix, SVector, Vector3};
 
@@ -28,6 +28,15 @@ const DRAWN_FLAT: f64 = 0.7;
 /// Half of what noise gives is noisy, a quarter of it is smooth.
 const NOISY: f64 = 0.25;
 const SMOOTH: f64 = 0.125;
+/// Facets are of one size if the middle of the area lies in facets less than so many times as large as the middle facet: a program
+/// that draws gives a plane few facets, one that samples gives it as many as all else.
+const ONE_SIZE: f64 = 3.0;
+/// Least turn of a fold; it is sharp if its facets turn by less than this share of it to their other neighbours, as planes
+/// that meet do. A corner that was sampled turns in two or three steps.
+const FOLD_RAD: f64 = 0.17;
+const SHARP_SHARE: f64 = 0.25;
+/// Share of the folds' length that is sharp below which nothing says that they were drawn.
+const DRAWN_SHARP: f64 = 0.5;
 /// Vertices that are looked at, and how many of them have to speak.
 const ASKED: usize = 3000;
 const FEWEST: usize = 30;
@@ -37,6 +46,10 @@ const NEIGHBOURS: usize = 12;
 /// What made this mesh; its file's numbers are right to `precision_mm`.
 pub(super) fn maker(mesh: &Mesh, precision_mm: f64) -> Maker {
     let precision_mm = precision_mm.max(0.1 * mesh.weld_mm);
+    if is_sampled(mesh) {
+        let words = "its facets are all of about one size, and its corners turn in several steps";
+        return Maker::Unclear(words.into());
+    }
     let offsets = Offsets::of(mesh);
     let flat = offsets.flat_share(mesh, precision_mm);
     if flat >= DRAWN_FLAT {
@@ -56,6 +69,49 @@ pub(super) fn maker(mesh: &Mesh, precision_mm: f64) -> Maker {
         // So few vertices no scanner gives.
         None => Maker::Drawn,
     }
+}
+
+/// Whether a mesh looks as if a grid had been laid through the part: facets of one size, and no sharp fold where it turns.
+fn is_sampled(mesh: &Mesh) -> bool {
+    let mut areas: Vec<f64> = (0..mesh.facets.len()).map(|f| mesh.area_mm2(f as u32)).collect();
+    areas.sort_unstable_by(f64::total_cmp);
+    let half = 0.5 * areas.iter().sum::<f64>();
+    let mut below = 0.0;
+    let of_area = areas.iter().find(|area| {
+        below += **area;
+        below >= half
+    });
+    let is_one_size = of_area.is_some_and(|area| *area < ONE_SIZE * areas[areas.len() / 2]);
+    areas.len() >= FEWEST && is_one_size && sharp_share(mesh).is_some_and(|share| share < DRAWN_SHARP)
+}
+
+/// Share of the length of folds that is sharp; none without folds.
+fn sharp_share(mesh: &Mesh) -> Option<f64> {
+    let turn = |facets: &[u32]| match *facets {
+        [f, g] => mesh.normals[f as usize].angle(&mesh.normals[g as usize]),
+        _ => 0.0,
+    };
+    let turns: Vec<f64> = mesh.edges.iter().map(|edge| turn(&edge.facets)).collect();
+    // Of each facet, the largest turn at its edges but for the edge that is asked about: the two largest.
+    let mut largest = vec![[0.0f64; 2]; mesh.facets.len()];
+    for (edge, turn) in mesh.edges.iter().zip(&turns) {
+        for f in &edge.facets {
+            let [first, second] = &mut largest[*f as usize];
+            (*first, *second) = if turn > first { (*turn, *first) } else { (*first, second.max(*turn)) };
+        }
+    }
+    let (mut sharp_mm, mut all_mm) = (0.0, 0.0);
+    for (edge, turn) in mesh.edges.iter().zip(&turns).filter(|(_, turn)| **turn > FOLD_RAD) {
+        let [a, b] = edge.ends.map(|v| mesh.vertices[v as usize]);
+        let other = |f: &u32| {
+            let [first, second] = largest[*f as usize];
+            if *turn < first { first } else { second }
+        };
+        let is_sharp = edge.facets.iter().map(other).fold(0.0, f64::max) < SHARP_SHARE * turn;
+        all_mm += (b - a).norm();
+        sharp_mm += if is_sharp { (b - a).norm() } else { 0.0 };
+    }
+    (all_mm > 0.0).then(|| sharp_mm / all_mm)
 }
 
 /// How far the corner of one facet is off the plane of its neighbour.
