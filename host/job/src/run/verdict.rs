@@ -14,7 +14,7 @@ use crate::robot::feasibility::Report;
 use crate::robot::feasibility::problem::{Problem, ProblemKind};
 use crate::robot::posture::Maker;
 use crate::run::access;
-use crate::run::job::{Job, ScanSettings};
+use crate::run::job::Job;
 use crate::run::selection;
 use weldpath_method::geometry::cloud::PointCloud;
 use weldpath_method::geometry::grid::Grid;
@@ -276,12 +276,14 @@ struct Excess {
 
 impl Excess {
     fn of(seam: &Seam) -> Option<Self> {
-        let excess = |error_mm: f64, limit_mm, within| {
-            let is_over = error_mm.is_nan() || error_mm > limit_mm;
-            is_over.then_some(Self { seam: seam.id, error_mm, limit_mm, within })
-        };
-        let within_scan = excess(seam.relative_error_mm, limit_mm(seam), "within the scan");
-        within_scan.or_else(|| excess(seam.base_error_mm, MOST_BASE_ERROR_MM, "in the robot's base frame"))
+        let excess = |error_mm, limit_mm, within| Self { seam: seam.id, error_mm, limit_mm, within };
+        let (relative_mm, most_mm) = (seam.relative_error_mm, limit_mm(seam));
+        if relative_mm.is_nan() || relative_mm > most_mm {
+            return Some(excess(relative_mm, most_mm, "within the scan"));
+        }
+        // Not a number where no robot is known.
+        (seam.base_error_mm > MOST_BASE_ERROR_MM)
+            .then(|| excess(seam.base_error_mm, MOST_BASE_ERROR_MM, "in the robot's base frame"))
     }
 
     fn finding(&self, id: ReasonId, consequence: &str) -> Finding {
@@ -351,10 +353,11 @@ fn of_base_frame(plan: &Plan) -> Option<Finding> {
 /// Poses that scatter more than the job states of its robot: where the accuracy was stated, it is not chance. The stated errors follow
 /// from poses that err at random, and hold no mistake that moves views in step with the flange.
 fn of_scatter(plan: &Plan, job: &Job) -> Option<Finding> {
-    let [stated, assumed] = [&job.scan, &ScanSettings::default()].map(|scan| (scan.robot_mm, scan.robot_deg));
+    let [stated, assumed] = [&job.scan, &Job::default().scan].map(|scan| (scan.robot_mm, scan.robot_deg));
     let cell = plan.derived.base_frame.as_ref().filter(|cell| stated != assumed && cell.is_scattered())?;
     let words = format!(
-        "the views fit each other if their poses are moved by {:.2} mm and {:.2} deg, {:.1} and {:.1} times what [scan] states of the          robot: its errors, or a mistake in hand-eye transform, tool or depth scale that the stated errors do not hold",
+        "the views fit each other if their poses are moved by {:.2} mm and {:.2} deg, {:.1} and {:.1} times what [scan] states of the \
+         robot: its errors, or a mistake in hand-eye transform, tool or depth scale that the stated errors do not hold",
         cell.robot_mm, cell.robot_deg, cell.scale_mm, cell.scale_deg
     );
     let values = [("of_stated_mm", cell.scale_mm), ("of_stated_deg", cell.scale_deg)];

@@ -272,3 +272,44 @@ pub(super) fn last_digit(raw: &Raw) -> f64 {
     };
     (0..=MOST_DIGITS).find(digits).map_or(0.0, |k| 10f64.powi(-k))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// An L profile, 60 mm long, in facets of 2 mm, without noise: its corner is turned in so many steps.
+    fn corner(steps: usize) -> Mesh {
+        const STEP_MM: f64 = 2.0;
+        let turn = std::f64::consts::FRAC_PI_2 / steps as f64;
+        let (mut at, mut profile) = ([-40.0, 0.0], Vec::new());
+        let mut advance = |way: f64| {
+            profile.push(at);
+            at = [at[0] + STEP_MM * way.cos(), at[1] + STEP_MM * way.sin()];
+        };
+        (0..20).for_each(|_| advance(0.0));
+        (1..steps).for_each(|k| advance(k as f64 * turn));
+        (0..=20).for_each(|_| advance(std::f64::consts::FRAC_PI_2));
+        let (rows, columns) = (31, profile.len());
+        let point = |k: usize| {
+            let [x, z] = profile[k % columns];
+            Point3::new(x, STEP_MM * (k / columns) as f64, z)
+        };
+        let points: Vec<_> = (0..rows * columns).map(point).collect();
+        let cells = (0..rows - 1).flat_map(|j| (0..columns - 1).map(move |i| j * columns + i));
+        let triangles: Vec<_> =
+            cells.flat_map(|k| [[k, k + 1, k + columns], [k + 1, k + columns + 1, k + columns]]).collect();
+        Mesh::weld(&points, &triangles, 1e-6).expect("a mesh")
+    }
+
+    #[test]
+    fn a_mesh_of_even_facets_is_drawn_if_its_corner_is_sharp_and_doubtful_if_it_turns_in_steps() {
+        assert_eq!(maker(&corner(1), 1e-6), Maker::Drawn);
+        for steps in [2, 3, 5] {
+            let maker = maker(&corner(steps), 1e-6);
+            assert!(
+                matches!(&maker, Maker::Unclear(why) if why.contains("several steps")),
+                "{steps}: {maker:?}"
+            );
+        }
+    }
+}

@@ -67,9 +67,6 @@ const CELL_RADII: f32 = 0.5;
 /// Fewer points show no two faces; so many of their normals, evenly, are tried as seeds of a face.
 const LEAST_POINTS: usize = 20;
 const SEEDS: usize = 24;
-/// An inside corner lies in front of each of its points, and what lies this far behind, voxels, is the other side of a thin plate or goes
-/// on beyond it: four corners meet within two voxels where thin plates cross.
-const BEHIND_VOXELS: f32 = 0.75;
 /// Cosines of normals that agree with a seed, of those that may seed the second face, and how many must agree with that.
 const AGREE: f32 = 0.93;
 const DIFFER: f32 = 0.94;
@@ -118,16 +115,12 @@ pub(crate) fn corners_at(
     candidates
         .par_iter()
         .map_init(Vec::new, |near, &k| {
-            let (at, normal) = (cloud.points_mm[k], cloud.normals[k]);
+            let at = cloud.points_mm[k];
             near.clear();
             grid.within(&at, radius_mm, |slot, _| {
                 near.push(Near { offset: grid.point(slot) - at, normal: normals[slot] });
             });
-            let all = near.len();
-            fit(near, &at, model.voxel_mm(), config).or_else(|| {
-                near.retain(|p| p.offset.dot(&normal) > -BEHIND_VOXELS * model.voxel_mm());
-                (near.len() < all).then(|| fit(near, &at, model.voxel_mm(), config))?
-            })
+            fit(near, &at, model.voxel_mm(), config)
         })
         .flatten()
         .collect()
