@@ -7,7 +7,7 @@
 use nalgebra::{Matrix3, Point3, SMatrix, SVector, Vector3};
 
 use super::raw::Raw;
-use crate::geometry::mesh::Mesh;
+use crate::geometry::mesh::{Edge, Mesh};
 
 /// What made a mesh, and how that shows.
 #[derive(Debug, Clone, PartialEq)]
@@ -31,10 +31,12 @@ const SMOOTH: f64 = 0.125;
 /// Facets are of one size if the middle of the area lies in facets less than so many times as large as the middle facet: a program
 /// that draws gives a plane few facets, one that samples gives it as many as all else.
 const ONE_SIZE: f64 = 3.0;
-/// Least turn of a fold; it is sharp if its facets turn by less than this share of it to their other neighbours, as planes
+/// Least turn of a fold; it is sharp if what is across its facets turns by less than this share of it, as planes
 /// that meet do. A corner that was sampled turns in two or three steps.
 const FOLD_RAD: f64 = 0.17;
 const SHARP_SHARE: f64 = 0.25;
+/// Most of what is sampled is smooth; a surface that is drawn curved in few facets turns at most of its edges.
+const MOST_FOLDED: f64 = 0.25;
 /// Share of the folds' length that is sharp below which nothing says that they were drawn.
 const DRAWN_SHARP: f64 = 0.5;
 /// Vertices that are looked at, and how many of them have to speak.
@@ -85,33 +87,34 @@ fn is_sampled(mesh: &Mesh) -> bool {
     areas.len() >= FEWEST && is_one_size && sharp_share(mesh).is_some_and(|share| share < DRAWN_SHARP)
 }
 
-/// Share of the length of folds that is sharp; none without folds.
+/// Share of the length of folds that is sharp; none without folds, or where most edges are.
 fn sharp_share(mesh: &Mesh) -> Option<f64> {
     let turn = |facets: &[u32]| match *facets {
         [f, g] => mesh.normals[f as usize].angle(&mesh.normals[g as usize]),
         _ => 0.0,
     };
     let turns: Vec<f64> = mesh.edges.iter().map(|edge| turn(&edge.facets)).collect();
-    // Of each facet, the largest turn at its edges but for the edge that is asked about: the two largest.
-    let mut largest = vec![[0.0f64; 2]; mesh.facets.len()];
+    let mut at_vertex = vec![0.0f64; mesh.vertices.len()];
     for (edge, turn) in mesh.edges.iter().zip(&turns) {
-        for f in &edge.facets {
-            let [first, second] = &mut largest[*f as usize];
-            (*first, *second) = if turn > first { (*turn, *first) } else { (*first, second.max(*turn)) };
+        edge.ends.iter().for_each(|v| at_vertex[*v as usize] = at_vertex[*v as usize].max(*turn));
+    }
+    // Of the facets at an edge, what is across from it.
+    let beyond = |edge: &Edge| -> f64 {
+        let across =
+            edge.facets.iter().flat_map(|f| mesh.facets[*f as usize]).filter(|v| !edge.ends.contains(v));
+        across.map(|v| at_vertex[v as usize]).fold(0.0, f64::max)
+    };
+    let (mut sharp_mm, mut folded_mm, mut all_mm) = (0.0, 0.0, 0.0);
+    for (edge, turn) in mesh.edges.iter().zip(&turns) {
+        let [a, b] = edge.ends.map(|v| mesh.vertices[v as usize]);
+        let length_mm = (b - a).norm();
+        all_mm += length_mm;
+        if *turn > FOLD_RAD {
+            folded_mm += length_mm;
+            sharp_mm += if beyond(edge) < SHARP_SHARE * turn { length_mm } else { 0.0 };
         }
     }
-    let (mut sharp_mm, mut all_mm) = (0.0, 0.0);
-    for (edge, turn) in mesh.edges.iter().zip(&turns).filter(|(_, turn)| **turn > FOLD_RAD) {
-        let [a, b] = edge.ends.map(|v| mesh.vertices[v as usize]);
-        let other = |f: &u32| {
-            let [first, second] = largest[*f as usize];
-            if *turn < first { first } else { second }
-        };
-        let is_sharp = edge.facets.iter().map(other).fold(0.0, f64::max) < SHARP_SHARE * turn;
-        all_mm += (b - a).norm();
-        sharp_mm += if is_sharp { (b - a).norm() } else { 0.0 };
-    }
-    (all_mm > 0.0).then(|| sharp_mm / all_mm)
+    (folded_mm > 0.0 && folded_mm < MOST_FOLDED * all_mm).then(|| sharp_mm / folded_mm)
 }
 
 /// How far the corner of one facet is off the plane of its neighbour.
