@@ -555,6 +555,17 @@ fn a_seam_is_drawn_on_the_plate_and_the_command_makes_the_same_of_it() {
 const WORKBENCHES: [((u32, u32), f64); 4] =
     [((1400, 900), 0.5), ((1920, 1080), 0.55), ((1024, 700), 0.38), ((390, 844), 0.2)];
 
+/// Whether what is chosen above the picture stands in one line, with nothing on another or beyond the picture.
+const IN_ONE_LINE: &str = "(() => {
+    const [tools, looks] = ['#tools > *', '#looks > *'].map((all) => [...document.querySelectorAll(all)].map((one) => one.getBoundingClientRect()));
+    const line = (all) => all.every(({ top, height }) => Math.abs(top + height / 2 - all[0].top - all[0].height / 2) < 4);
+    const boxes = [...tools, ...looks];
+    const apart = (a, b) => a.right <= b.left || b.right <= a.left || a.bottom <= b.top || b.bottom <= a.top;
+    const { left, right } = document.getElementById('view').getBoundingClientRect();
+    return tools.length === 3 && looks.length === 4 && line(tools) && line(looks)
+      && boxes.every((a, k) => a.left >= left && a.right <= right && boxes.slice(k + 1).every((b) => apart(a, b)));
+})()";
+
 #[test]
 fn the_picture_fills_the_window_and_nothing_is_beyond_it() {
     let Some(chromium) = browser::chromium() else { return };
@@ -578,6 +589,7 @@ fn the_picture_fills_the_window_and_nothing_is_beyond_it() {
             (1..4).all(|k| number(k) <= 0.0) && number(5) <= 0.0 && number(6) <= 1.0,
             "{width} px: {found}"
         );
+        assert_eq!(page.browser.evaluate(IN_ONE_LINE), true, "{width} px: the choices above the picture");
         // One bar stands above it; on a phone its buttons have a row of their own.
         assert!(number(4) < 0.12 * f64::from(height), "{width} px: {} px above the picture", number(4));
     }

@@ -91,7 +91,7 @@ function bands() {
 }
 
 function tools() {
-  const choice = (id, name, options, chosen, onchange) => el("label", {}, name,
+  const choice = (id, name, options, chosen, onchange) => el("label", {}, el("span", {}, name),
     el("select", { id, onchange }, options.map(([value, text]) => el("option", { value, selected: value === chosen }, text))));
   const boxes = SHOWN.map(([name, on]) => {
     const shown = on || Boolean(wish.get("show")?.split(",").includes(name));
@@ -102,7 +102,7 @@ function tools() {
   $("tools").append(
     choice("cloud", TEXTS.cloud, CLOUDS.filter((name) => name !== "raw" || scene.groups.raw).map((name) => [name, TEXTS.clouds[name]]), state.cloud, (event) => cloud(event.target.value)),
     choice("colour-by", TEXTS.colourBy, colourings, String(state.colouring), (event) => colouring(Number(event.target.value))),
-    ...boxes);
+    el("details", { class: "popup", id: "shown" }, el("summary", {}, TEXTS.show), el("div", { class: "list" }, boxes)));
   $("tools").addEventListener("submit", (event) => event.preventDefault());
   for (const [from, text] of Object.entries(TEXTS.looks)) {
     $("looks").append(el("button", { type: "button", title: TEXTS.looksTitle[from], onclick: () => scene.look(from) }, text));
@@ -199,7 +199,8 @@ function keyboard() {
   document.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
     const tag = event.target.tagName;
-    if (tag === "SELECT" || tag === "BUTTON" || tag === "SUMMARY") return;
+    // What has keys of its own; a slider leaves the space bar and the digits.
+    if (["SELECT", "BUTTON", "SUMMARY", "TEXTAREA"].includes(tag) || (tag === "INPUT" && event.target.type !== "range")) return;
     if (event.key === " ") play(!state.playing);
     else if (event.key >= "0" && event.key <= "9") typed(event.key, event.timeStamp);
     else if (tag !== "CANVAS") return;
@@ -292,6 +293,15 @@ function words() {
   panel.facts();
 }
 
+// On a phone the list is a sheet below the picture, which can be folded.
+const isSheet = () => getComputedStyle($("sheet")).display !== "none";
+
+function fold(folded) {
+  $("panel").classList.toggle("folded", folded);
+  $("sheet").setAttribute("aria-expanded", String(!folded));
+  $("sheet").textContent = folded ? "▴" : "▾";
+}
+
 // What unfolds: the details of the run over the picture, and on a phone the list below it.
 function unfolding() {
   const drawer = (open) => {
@@ -303,18 +313,19 @@ function unfolding() {
   $("close").addEventListener("click", () => drawer(false));
   document.addEventListener("keydown", (event) => {
     if (event.key !== "Escape") return;
+    const focus = document.activeElement;
+    const popup = focus?.closest("details.popup[open]");
     if (!$("drawer").hidden) drawer(false);
-    else if ($("verdict").open && $("verdict").contains(document.activeElement)) {
-      $("verdict").open = false;
-      $("verdict-line").focus();
+    else if (popup) {
+      popup.open = false;
+      popup.querySelector("summary").focus();
+    } else if (isSheet() && !$("panel").classList.contains("folded") && $("panel").contains(focus)) {
+      fold(true);
+      $("sheet").focus();
     } else return;
     event.stopImmediatePropagation();
   }, { capture: true });
-  $("sheet").addEventListener("click", () => {
-    const folded = $("panel").classList.toggle("folded");
-    $("sheet").setAttribute("aria-expanded", String(!folded));
-    $("sheet").textContent = folded ? "▴" : "▾";
-  });
+  $("sheet").addEventListener("click", () => fold(!$("panel").classList.contains("folded")));
   // A refusal is read before anything else.
   $("verdict").open = content.summary.verdict.state === "refused";
 }

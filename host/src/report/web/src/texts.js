@@ -52,6 +52,7 @@ export const TEXTS = /* @__PURE__ */ texts("TEXTS", {
   clouds: { model: "denoised", unfiltered: "before the filter", raw: "raw scan" },
   colourBy: "colour by",
   colourings: { height: "height", intensity: "edge intensity", normals: "normals", view: "view", filter: "work of the filter" },
+  show: "show",
   shown: { unwelded: "other corners", frames: "torch frames", way: "air moves", torch: "torch", arm: "robot", truth: "truth (white)", cameras: "cameras" },
   looks: { home: "⌂", top: "top", front: "front", side: "side" },
   looksTitle: { home: "All seams (F)", top: "From the top", front: "From the front", side: "From the side" },

@@ -13,7 +13,7 @@ export class Files {
     this.names = "";
     this.list = el("ul", {});
     this.zip = el("button", { type: "button", id: "zip", title: WORDS.zipHint, onclick: () => this.saveAll() }, WORDS.zip);
-    this.box = el("details", { id: "files", class: "files", hidden: true }, el("summary", {}, WORDS.files), el("div", { class: "unfolded" }, this.list, this.zip));
+    this.box = el("details", { id: "files", class: "files popup", hidden: true }, el("summary", {}, WORDS.files), el("div", { class: "unfolded" }, this.list, this.zip));
   }
 
   show({ files }) {
