@@ -84,6 +84,9 @@ impl FromStr for Address {
         let text = text.strip_prefix("tcp://").unwrap_or(text);
         match text.split_once(':') {
             _ if text.is_empty() => Err("empty; write /dev/ttyACM0, host:port or unix:/path".into()),
+            Some((scheme, place)) if scheme != "unix" && place.starts_with("//") => {
+                Err(format!("write {} without {scheme}://, as host:port", place[2..].trim_end_matches('/')))
+            }
             Some(("unix", path)) if !path.is_empty() => Ok(Self::Unix(path.into())),
             Some(("tcp", place)) if place.rsplit_once(':').is_some_and(|(_, port)| is_port(port)) => {
                 Ok(Self::Tcp(place.into()))
@@ -191,6 +194,14 @@ mod tests {
         for wrong in ["", "unix:", "tcp:host", "tcp:host:70000"] {
             assert!(wrong.parse::<Address>().is_err(), "{wrong}");
         }
+        for (text, how) in [
+            ("tcp://192.168.0.9:4000", "write 192.168.0.9:4000 without tcp://"),
+            ("socket://pendant:4000/", "write pendant:4000 without socket://"),
+            ("http://pendant", "as host:port"),
+        ] {
+            assert!(text.parse::<Address>().unwrap_err().contains(how), "{text}");
+        }
+        assert_eq!("unix:///run/pendant".parse(), Ok(Address::Unix("///run/pendant".into())));
     }
 
     #[test]

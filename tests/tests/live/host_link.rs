@@ -212,6 +212,7 @@ fn the_exit_code_says_what_became_of_a_stream() {
     ends(&["--port", port, "no/such/folder"], 4, "no/such/folder");
     ends(&["--port", port, &file("broken.json", "{\"waypoints\":")], 4, "broken.json");
     ends(&["--port", "unix:/no/such/socket", &good], 6, "/no/such/socket");
+    ends(&["--port", "tcp://localhost:4000", &good], 2, "write localhost:4000 without tcp://, as host:port");
     ends(&["--port", port, &file("far.json", &far(50.0, 9e6))], 7, "reach");
     ends(&["--port", port, &file("fast.json", &far(9e4, 400.0))], 7, "mm/s");
     let mut early = stream(&pendant, folder.path());
