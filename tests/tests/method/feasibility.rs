@@ -46,7 +46,12 @@ fn what_the_arm_cannot_run_is_refused_and_written_where_that_is_accepted() {
     let (done, said, summary) = planned(home.path(), &far);
     assert!(!done && summary["verdict"]["state"] == "refused", "{said}");
     assert_eq!(summary["feasibility"]["feasible"], false);
-    assert!(said.contains("infeasible: seam 1: waypoints 0 to") && said.contains("move the part"), "{said}");
+    assert!(
+        said.contains("infeasible: seam 1: 0 to ")
+            && said.contains(" mm along it (waypoints 0 to")
+            && said.contains("move the part"),
+        "{said}"
+    );
     assert!(!home.path().join("path.script").exists() && !home.path().join("path.json").exists());
     let accepted = home.path().join("accepted");
     let (done, said, _) = planned(&accepted, &[far.as_slice(), &["--accept", "infeasible"]].concat());

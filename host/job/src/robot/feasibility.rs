@@ -276,6 +276,7 @@ impl<'a> Checker<'a> {
                 seam,
                 first: waypoint,
                 last: waypoint,
+                along_mm: None,
                 worst,
                 touch: Some(touch),
                 odd: None,

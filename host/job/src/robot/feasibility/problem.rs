@@ -68,6 +68,8 @@ pub struct Problem {
     pub first: usize,
     /// Last waypoint.
     pub last: usize,
+    /// From where to where along the seam, mm; none if nothing is welded between them.
+    pub along_mm: Option<[f64; 2]>,
     /// How bad at the worst: mm from the origin of the robot's base, degrees, share of the speed, dexterity, or mm of clearance.
     pub worst: f64,
     /// What touches what, where it is worst.
@@ -108,6 +110,7 @@ pub(super) fn found(waypoints: &[Waypoint], checks: &[Check], setup: &Feasibilit
                         seam,
                         first: i,
                         last: i,
+                        along_mm: None,
                         worst,
                         touch,
                         odd,
@@ -125,7 +128,29 @@ pub(super) fn found(waypoints: &[Waypoint], checks: &[Check], setup: &Feasibilit
     }
     problems
         .retain(|p| p.kind != ProblemKind::Close || !collisions.iter().any(|collision| p.adjoins(collision)));
+    let along = along_mm(waypoints);
+    for problem in &mut problems {
+        let welded = || along[problem.first..=problem.last].iter().copied().flatten();
+        let least = welded().reduce(f64::min);
+        problem.along_mm = least.zip(welded().reduce(f64::max)).map(|(from, to)| [from, to]);
+    }
     problems
+}
+
+/// How far along its seam each welded waypoint is, mm: of each pass from its own start, across what a stitch leaves out.
+fn along_mm(waypoints: &[Waypoint]) -> Vec<Option<f64>> {
+    let mut before: Option<(&Waypoint, f64)> = None;
+    let mut all = Vec::with_capacity(waypoints.len());
+    for here in waypoints {
+        // A pass ends where the torch goes through the air.
+        before = before.filter(|(last, _)| here.seam.is_some() && last.seam == here.seam);
+        if here.weld {
+            let step_mm = |(last, mm): (&Waypoint, f64)| mm + (here.position_mm - last.position_mm).norm();
+            before = Some((here, before.map_or(0.0, step_mm)));
+        }
+        all.push(before.filter(|_| here.weld).map(|(_, mm)| mm));
+    }
+    all
 }
 
 /// So far a part may be moved to bring it into reach, mm; and how exactly that is told.
@@ -274,13 +299,27 @@ impl Problem {
         }
     }
 
-    /// A sentence that names seam, waypoints and what to do.
-    pub fn words(&self, arm: &str) -> String {
-        let place = match (self.seam, self.first == self.last) {
-            (Some(seam), true) => format!("seam {seam}, waypoint {}", self.first),
-            (Some(seam), false) => format!("seam {seam}, waypoints {} to {}", self.first, self.last),
-            (None, _) => format!("waypoints {} to {}", self.first, self.last),
+    /// The seam, from where to where along it, and the waypoints.
+    fn place(&self) -> String {
+        let waypoints = match self.first == self.last {
+            true => format!("waypoint {}", self.first),
+            false => format!("waypoints {} to {}", self.first, self.last),
         };
+        match (self.seam, self.along_mm) {
+            (Some(seam), Some([from, to])) if to - from < 1.0 => {
+                format!("seam {seam}, {from:.0} mm along it ({waypoints})")
+            }
+            (Some(seam), Some([from, to])) => {
+                format!("seam {seam}, {from:.0} to {to:.0} mm along it ({waypoints})")
+            }
+            (Some(seam), None) => format!("seam {seam}, on the way to it or from it ({waypoints})"),
+            (None, _) => waypoints,
+        }
+    }
+
+    /// A sentence that names the place and what to do.
+    pub fn words(&self, arm: &str) -> String {
+        let place = self.place();
         let worst = self.worst;
         let what = match self.kind {
             ProblemKind::OutOfReach => format!(

@@ -123,7 +123,10 @@ fn a_seam_two_metres_away_is_out_of_reach_and_no_turn_of_the_torch_is_suggested(
     assert!(!report.is_feasible() && report.suggestions.is_empty());
     assert!(report.checks.iter().all(|check| check.joints.is_none()));
     let words = report.warnings().join("\n");
-    assert!(words.contains("seam 3, waypoints 0 to") && words.contains("move the part"), "{words}");
+    assert!(
+        words.contains("seam 3, 0 to 200 mm along it (waypoints 0 to") && words.contains("move the part"),
+        "{words}"
+    );
 }
 
 #[test]
