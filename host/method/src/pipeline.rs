@@ -130,12 +130,13 @@ fn steps(kept: &mut Kept, views: &[View], config: &Config, stages: &mut Stages) 
     let paths = stages.stage("toolpath", || seams.iter().map(SeamPath::along).collect()); // II-F
     let gaps = || coverage::gaps(seams, sought.merged, sought.raw, sought.cameras_known());
     let coverage = stages.time("coverage", gaps);
+    let one_sided = coverage::one_sided(seams, sought.merged, sought.raw, sought.cameras_known());
     let tacks = survey.tacks(seams);
     let said = Remarks { warnings: survey.warnings(&merged, &result, &tacks, &coverage), unmet, undrawn };
     let derived = survey.derived(&merged, &result, &stages.times);
     let model = result.model.scene().1.clone();
     let Found { seams, unwelded, .. } = result.found;
-    Ok(Plan { model, seams, unwelded, paths, coverage, tacks, derived, said, ..Plan::default() })
+    Ok(Plan { model, seams, unwelded, paths, coverage, one_sided, tacks, derived, said, ..Plan::default() })
 }
 
 /// The steps of a plan that the next one may go on from; they are as large as the scan.

@@ -25,6 +25,10 @@ pub(super) fn result(plan: &Plan, output: &Output, source: &Source, out: &Path, 
     for seam in &plan.seams {
         text.push_str(&row(seam, output));
     }
+    for seam in &plan.seams {
+        let notes = output.summary.notes(seam.id).iter();
+        notes.for_each(|note| line(&mut text, &format!("seam {}: {note}", seam.id)));
+    }
     unwelded(&mut text, plan, verbose);
     for note in &source.notes {
         line(&mut text, note);
@@ -235,5 +239,24 @@ mod tests {
         let short = result(&plan(), &output, &source, Path::new("out"), false);
         let left_out: Vec<&str> = lines.into_iter().filter(|line| !short.contains(line)).collect();
         assert_eq!(left_out, ["voxel_mm = 0.80 (twice the mean spacing)"]);
+    }
+
+    #[test]
+    fn a_seam_that_is_welded_downhill_without_being_asked_to_says_so() {
+        // Up is against the seam as it was found.
+        for (direction, said) in
+            [("", true), ("[path]\ndirection = \"down\"", false), ("[path]\ndirection = \"up\"", false)]
+        {
+            let job =
+                Job::parse(&format!("[order]\nup = [-1, 0, 0]\n{direction}"), Path::new("job.toml")).unwrap();
+            let output = postprocess(&plan(), &job, Source::default()).unwrap();
+            let text = result(&plan(), &output, &Source::default(), Path::new("out"), false);
+            assert_eq!(
+                text.contains("\nseam 1: welded downhill (PG), as the job says no direction"),
+                said,
+                "{text}"
+            );
+            assert_eq!(text.contains("PF"), direction.contains("up"), "{text}");
+        }
     }
 }

@@ -13,6 +13,7 @@ use base64::engine::general_purpose::STANDARD;
 use nalgebra::{Point2, Point3, Vector2, Vector3};
 use rayon::prelude::*;
 use std::fmt::Write;
+use weldpath_job::output::verdict::ReasonId;
 use weldpath_method::seam::{Seam, Unwelded};
 
 /// Size of a view, px.
@@ -149,9 +150,30 @@ fn view(run: &Run, colours: &[[f32; 3]], name: &str, projection: &Projection) ->
             16 + 7 * name.len()
         ),
     );
+    assumed(text, run);
     axes(text, projection);
     scale_bar(text, projection.px_per_mm);
     whole
+}
+
+/// What the pose of what is shown is assumed to be, by the reason of the verdict that asks about it.
+const ASSUMED: [(ReasonId, &str); 3] = [
+    (ReasonId::SideAssumed, "side assumed: see that the torch is on the side of the air"),
+    (ReasonId::FrameUnknown, "pose assumed: as if it were in the robot's base frame"),
+    (ReasonId::CameraFrame, "pose unknown: all is in the camera's frame"),
+];
+
+/// Says it below the name of a view.
+fn assumed(text: &mut String, run: &Run) {
+    let reasons = &run.output.summary.verdict().reasons;
+    let notes = ASSUMED.iter().filter(|(id, _)| reasons.iter().any(|reason| reason.id == *id));
+    for (k, (_, words)) in notes.enumerate() {
+        let y = 51.0 + 20.0 * k as f64;
+        add(
+            text,
+            format_args!("<text x=\"11\" y=\"{y}\" fill=\"#a85a00\" font-weight=\"600\">{words}</text>\n"),
+        );
+    }
 }
 
 fn voxel_mm(run: &Run) -> f64 {

@@ -102,3 +102,35 @@ fn a_view_that_was_left_out_is_asked_for_and_the_one_that_is_proposed_serves() {
     assert_eq!(good.coverage, [], "{:?}", good.said.warnings);
     assert!((good.seams[0].length_mm() - length_mm).abs() < 5.0, "{:.0}", good.seams[0].length_mm());
 }
+
+#[test]
+fn a_t_that_was_seen_from_one_side_says_so_until_the_view_that_it_asks_for_is_there() {
+    let request = Request { noise: Noise::Low, ..Request::new(Part::Fillet, 5) };
+    let truth = stage(&request).unwrap().truth;
+    let seam = &truth.seams[0];
+    let middle = Point3::from(seam.p[seam.p.len() / 2]);
+    let (up, wall, along) =
+        (Vector3::from(seam.normal_a[0]), Vector3::from(seam.normal_b[0]), Vector3::from(seam.t[0]));
+    let mut poses = vec![looking(middle, up + wall + 0.3 * along, 400.0, along)];
+    let one_view = taken_from(&request, &poses);
+    let [one] = one_view.one_sided.as_slice() else { panic!("{:?}", one_view.one_sided) };
+    assert_eq!(one_view.seams.len(), 1);
+    assert!(one.face.dot(&wall) < -0.99 && one.view.direction.dot(&wall) > 0.3, "{one:?}");
+
+    poses.push(looking(one.view.position_mm, -one.view.direction, 0.0, along));
+    let both = taken_from(&request, &poses);
+    let faces: Vec<f64> = both.seams.iter().flat_map(|s| s.stations[0].faces).map(|n| n.dot(&wall)).collect();
+    assert!([-0.99, 0.99].iter().all(|side| faces.iter().any(|n| n * side > 0.98)), "both sides: {faces:?}");
+    assert_eq!(both.one_sided, [], "both sides are seams");
+}
+
+#[test]
+fn one_side_is_said_of_the_upright_plate_of_a_t_and_of_no_lap_groove_or_pipe() {
+    for name in ["butt-v", "lap", "pipe"] {
+        assert_eq!(fixture(name).one_sided, [], "{name}");
+    }
+    let plan = fixture("fillet");
+    let [one] = plan.one_sided.as_slice() else { panic!("{:?}", plan.one_sided) };
+    let upright = plan.seams[0].stations[0].faces.into_iter().min_by(|a, b| a.z.abs().total_cmp(&b.z.abs()));
+    assert!(one.face.dot(&upright.unwrap()) < -0.99, "{one:?}");
+}

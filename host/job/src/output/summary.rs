@@ -14,7 +14,7 @@ use nalgebra::UnitVector3;
 use weldpath_method::pipeline::tacks::Tack;
 use weldpath_method::pipeline::touch::{Residual, Touched};
 use weldpath_method::pipeline::{self, Plan, ViewReport};
-use weldpath_method::seam::measure::coverage::Gap;
+use weldpath_method::seam::measure::coverage::{Gap, OneSided};
 use weldpath_method::seam::measure::dimension::Dimension;
 use weldpath_method::seam::{ErrorParts, Joint, Seam, Unwelded, WhyUnwelded};
 use weldpath_method::weld::SeamPath;
@@ -22,6 +22,9 @@ use weldpath_method::weld::position::{Position, positions};
 
 /// Value of `version`; raised when a reader of the old one would misunderstand the new one.
 pub const VERSION: u32 = 1;
+
+/// Note of a seam whose direction was free.
+const DOWNHILL: &str = "welded downhill (PG), as the job says no direction: direction = \"up\" in [path], or for this seam alone, welds it uphill";
 
 /// The whole file.
 #[derive(Debug, Serialize)]
@@ -113,8 +116,18 @@ struct SeamSummary {
     relative_mm: Option<f64>,
     error_parts_mm: ErrorPartsSummary,
     dimensions: Vec<Measured>,
+    one_side: Option<OneSide>,
     reason: String,
+    notes: Vec<String>,
     warnings: Vec<String>,
+}
+
+/// What no view shows of the upright plate of a T, and from where to see it.
+#[derive(Debug, Serialize)]
+struct OneSide {
+    face_normal: [f64; 3],
+    camera_position_mm: [f64; 3],
+    camera_direction: [f64; 3],
 }
 
 /// An inside corner that is seen and is no seam.
@@ -194,7 +207,7 @@ impl Summary {
             views: plan.derived.views.iter().map(view).collect(),
             base_frame: BaseFrameSummary::new(plan),
             touch: plan.derived.touch.as_ref().map(touch),
-            seams: plan.seams.iter().map(|seam| seam_summary(seam, lines, paths, up)).collect(),
+            seams: seams_of(plan, lines, paths, up),
             unwelded: (1..).zip(&plan.unwelded).map(|(id, line)| unwelded(id, line)).collect(),
             coverage: plan.coverage.iter().map(stretch).collect(),
             tacks: plan.tacks.iter().map(tack).collect(),
@@ -238,6 +251,17 @@ impl Summary {
         self.seams.iter().find(|seam| seam.id == id).map(|seam| seam.joint)
     }
 
+    /// The same with a note for each of these seams that is welded downhill, since nobody said which way.
+    #[must_use]
+    pub(crate) fn with_downhill(mut self, free: &[usize]) -> Self {
+        let falls =
+            |seam: &&mut SeamSummary| free.contains(&seam.id) && seam.positions.contains(&Position::PG);
+        for seam in self.seams.iter_mut().filter(falls) {
+            seam.notes.push(DOWNHILL.into());
+        }
+        self
+    }
+
     /// The same with what became of the feasibility check, if there was one.
     #[must_use]
     pub(crate) fn with_feasibility(self, report: Option<&Report>) -> Self {
@@ -263,6 +287,11 @@ impl Summary {
     /// Welding positions of the seam with this id.
     pub fn positions(&self, id: usize) -> &[Position] {
         self.seams.iter().find(|seam| seam.id == id).map_or(&[], |seam| &seam.positions)
+    }
+
+    /// What is worth knowing of the seam with this id.
+    pub fn notes(&self, id: usize) -> &[String] {
+        self.seams.iter().find(|seam| seam.id == id).map_or(&[], |seam| &seam.notes)
     }
 
     /// The file's text.
@@ -313,6 +342,21 @@ fn touch(touched: &Touched) -> TouchSummary {
     }
 }
 
+fn seams_of(plan: &Plan, lines: &[SeamPath], paths: &[SeamPath], up: UnitVector3<f64>) -> Vec<SeamSummary> {
+    let one_side = |id: usize| plan.one_sided.iter().find(|one| one.seam == id).map(one_side);
+    let summary =
+        |seam: &Seam| SeamSummary { one_side: one_side(seam.id), ..seam_summary(seam, lines, paths, up) };
+    plan.seams.iter().map(summary).collect()
+}
+
+fn one_side(one: &OneSided) -> OneSide {
+    OneSide {
+        face_normal: one.face.into(),
+        camera_position_mm: one.view.position_mm.coords.into(),
+        camera_direction: one.view.direction.into(),
+    }
+}
+
 fn seam_summary(seam: &Seam, lines: &[SeamPath], paths: &[SeamPath], up: UnitVector3<f64>) -> SeamSummary {
     let passes = || paths.iter().filter(|path| path.seam == seam.id);
     let welded = |path: &SeamPath| path.points.iter().filter(|point| point.process.weld).count();
@@ -335,7 +379,9 @@ fn seam_summary(seam: &Seam, lines: &[SeamPath], paths: &[SeamPath], up: UnitVec
         relative_mm: finite(seam.relative_error_mm),
         error_parts_mm: error_parts(seam.error_parts),
         dimensions: seam.dimensions.iter().map(measured).collect(),
+        one_side: None,
         reason: seam.reason.clone(),
+        notes: Vec::new(),
         warnings: seam.warnings.clone(),
     }
 }

@@ -129,6 +129,8 @@ fn output(plan: &Plan, job: &Job, source: Source, stages: &mut Stages) -> Result
     let feasibility = stages.stage("torch", || feasibility(plan, job, &seams, &terrain));
     warnings.extend(feasibility.iter().flat_map(Report::warnings));
     let paths: Vec<SeamPath> = passes.into_iter().map(|pass| pass.path).collect();
+    let free = |(path, weld): &(SeamPath, Weld)| (weld.direction() == Direction::Free).then_some(path.seam);
+    let free: Vec<usize> = seams.iter().filter_map(free).collect();
     let lines: Vec<SeamPath> = seams.into_iter().map(|(path, _)| path).collect();
     let mut found = source.findings.clone();
     found.extend(verdict::of_plan(plan, job));
@@ -139,6 +141,7 @@ fn output(plan: &Plan, job: &Job, source: Source, stages: &mut Stages) -> Result
     let verdict = stages.stage("torch", verdict);
     let summary = Summary::new(plan, source, &lines, &paths, job.order.up.get(), warnings)
         .with_joints(plan, &stated_joints(plan, job)?, &lines, job.order.up.get())
+        .with_downhill(&free)
         .with_feasibility(feasibility.as_ref())
         .with_verdict(verdict);
     let mut files = vec![File::new("path.csv", csv::write(&paths, frame))];

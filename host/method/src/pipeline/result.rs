@@ -28,6 +28,8 @@ pub struct Plan {
     pub paths: Vec<SeamPath>,
     /// Stretches of the seams that should be scanned again.
     pub coverage: Vec<coverage::Gap>,
+    /// Seams at an upright plate of which one side was seen.
+    pub one_sided: Vec<coverage::OneSided>,
     /// What was taken off the seams before they were sought again, along each.
     pub tacks: Vec<tacks::Tack>,
     /// What was derived from the views.

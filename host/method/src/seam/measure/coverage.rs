@@ -4,6 +4,7 @@
 //! how steeply the cameras saw it. Beyond an end a face that is missing may simply not be there: it counts as unseen only if
 //! no camera saw through the place where it would be. Millimetres, base frame.
 
+mod other_side;
 mod sight;
 mod viewpoint;
 
@@ -17,6 +18,7 @@ use crate::geometry::grid::Grid;
 use crate::geometry::polyline::arc_lengths;
 use crate::geometry::statistics::median;
 use crate::seam::{Seam, Station};
+pub use other_side::{OneSided, one_sided};
 use serde::{Deserialize, Serialize};
 use sight::{Panorama, Visibility};
 pub use viewpoint::Viewpoint;
@@ -308,11 +310,7 @@ impl Gap {
                 )
             }
         };
-        let (at, look) = (self.view.position_mm, self.view.direction);
-        format!(
-            "{what}; add a view with the camera near ({:.0}, {:.0}, {:.0}) mm, looking along ({:.2}, {:.2}, {:.2})",
-            at.x, at.y, at.z, look.x, look.y, look.z
-        )
+        format!("{what}; add a view with {}", self.view.words())
     }
 }
 
@@ -343,7 +341,7 @@ mod tests {
         gaps(&[seam], merged, &Grid::new(&merged.points_mm, 5.0), cameras_known)
     }
 
-    fn seam(to_mm: i32) -> Seam {
+    pub(super) fn seam(to_mm: i32) -> Seam {
         let station = |x: i32| Station {
             position_mm: Point3::new(f64::from(x), 0.0, 0.0),
             tangent: Vector3::x(),

@@ -286,6 +286,7 @@ function picture() {
 // What a plan says in words and numbers.
 function words() {
   panel.verdict(select);
+  panel.assumed();
   panel.tiles();
   panel.warnings(select);
   panel.list(select);

@@ -40,6 +40,14 @@ export function verdict(onSelect) {
     ...limits.map((line) => el("p", { class: "soft" }, sentence(line))));
 }
 
+// What is assumed of the pose of what the picture shows.
+export function assumed() {
+  const ids = content.summary.verdict.reasons.map(({ id }) => id);
+  const notes = Object.entries(TEXTS.assumed).filter(([id]) => ids.includes(id));
+  $("assumed").hidden = !notes.length;
+  $("assumed").replaceChildren(...notes.map(([id, text]) => el("span", { "data-assumed": id }, text)));
+}
+
 function tile(value, words, state = "") {
   return el("div", { class: `tile ${state}` }, el("b", {}, value), el("span", {}, words));
 }
@@ -89,7 +97,8 @@ export function list(onSelect) {
     return;
   }
   const row = (seam) => el("tr", { "data-seam": seam.id, class: seam.selected ? "" : "off", onclick: () => onSelect(seam.id) },
-    el("td", {}, el("i", { class: "swatch", style: { background: seam.colour } }), el("button", { type: "button" }, `${seam.id} ${seam.joint}`), seam.warnings.length ? el("span", { title: TEXTS.hasWarnings, style: { color: "var(--warn)" } }, " ▲") : null),
+    el("td", {}, el("i", { class: "swatch", style: { background: seam.colour } }), el("button", { type: "button" }, `${seam.id} ${seam.joint}`), seam.warnings.length ? el("span", { title: TEXTS.hasWarnings, style: { color: "var(--warn)" } }, " ▲") : null,
+      seam.one_side ? el("small", { class: "one-side", title: seam.notes.join("; ") }, TEXTS.oneSide) : null),
     el("td", { class: "num" }, number(seam.length_mm)),
     el("td", { class: "num" }, number(seam.expected_error_mm)),
     el("td", { class: "num" }, percent(seam.confidence), el("span", { class: "meter" }, el("i", { style: { width: `${100 * (seam.confidence ?? 0)}%` } }))));
@@ -108,7 +117,7 @@ export function unwelded(onLook) {
 }
 
 // Keys that the details show in words of their own.
-const TOLD = ["id", "joint", "selected", "closed", "length_mm", "points", "confidence", "expected_error_mm", "expected_error_deg", "relative_mm", "error_parts_mm", "dimensions", "reason", "warnings", "colour", "line_mm"];
+const TOLD = ["id", "joint", "selected", "closed", "length_mm", "points", "confidence", "expected_error_mm", "expected_error_deg", "relative_mm", "error_parts_mm", "dimensions", "reason", "warnings", "colour", "line_mm", "one_side", "notes"];
 
 // What an expected error comes from: one part of the bar each, as wide as its share of the variance.
 function errorBar(parts) {
@@ -151,6 +160,7 @@ export function detail(seam, onZoom) {
     el("p", { class: "soft" }, seam.reason, seam.selected ? "" : TEXTS.notSelected),
     errorBar(seam.error_parts_mm),
     el("dl", {}, rows.map(([name, v]) => [el("dt", {}, name), el("dd", {}, v)])),
+    ...seam.notes.map((text) => el("p", { class: "note-of-seam" }, sentence(text))),
     ...seam.warnings.map((text) => el("p", { class: "mind" }, `▲ ${text}`)));
   for (const row of document.querySelectorAll("#seams tr[data-seam]")) row.setAttribute("aria-selected", String(row.dataset.seam === String(seam.id)));
 }

@@ -80,6 +80,12 @@ export const TEXTS = /* @__PURE__ */ texts("TEXTS", {
   above: (mm) => `${mm} above`,
   armLegend: (name) => `Robot ${name}: nominal sizes, checked against what was scanned only; red where it touches`,
   footer: (version) => `weldpath ${version}. Keys: arrows turn, + and − zoom, F shows all, digits select a seam, space plays. Look at the program in the controller's simulation before it is run.`,
+  // What is assumed where the verdict has this reason.
+  assumed: {
+    "side-assumed": "side assumed: see that the torch is on the side of the air",
+    "frame-unknown": "pose assumed: as if it were in the robot's base frame",
+    "camera-frame": "pose unknown: all is in the camera's frame",
+  },
   // Head, verdict, tiles, warnings.
   views: (n) => plural(n, "view"),
   oneCloud: "one cloud",
@@ -104,6 +110,7 @@ export const TEXTS = /* @__PURE__ */ texts("TEXTS", {
   // The list of seams and the details of one.
   noSeams: "No seam was found. Colour the model by edge intensity to see possible edges.",
   hasWarnings: "has warnings",
+  oneSide: "one side seen",
   unwelded: (n) => (n === 1 ? "1 other inside corner" : `${n} other inside corners`),
   unweldedOf: (mm, why) => `${mm} mm: ${why}`,
   whyUnwelded: {

@@ -17,6 +17,17 @@ pub struct Viewpoint {
     pub direction: Vector3<f64>,
 }
 
+impl Viewpoint {
+    /// Where the camera stands and where it looks.
+    pub(super) fn words(&self) -> String {
+        let (at, look) = (self.position_mm, self.direction);
+        format!(
+            "the camera near ({:.0}, {:.0}, {:.0}) mm, looking along ({:.2}, {:.2}, {:.2})",
+            at.x, at.y, at.z, look.x, look.y, look.z
+        )
+    }
+}
+
 /// Nearer to the seam than this the faces themselves stand beside the line of sight, mm.
 const BESIDE_MM: f64 = 15.0;
 /// So near to the line of sight a point hides the seam, mm.
