@@ -81,7 +81,6 @@ impl FromStr for Address {
     type Err = String;
     fn from_str(text: &str) -> Result<Self, String> {
         let is_port = |text: &str| text.parse::<u16>().is_ok();
-        let text = text.strip_prefix("tcp://").unwrap_or(text);
         match text.split_once(':') {
             _ if text.is_empty() => Err("empty; write /dev/ttyACM0, host:port or unix:/path".into()),
             Some((scheme, place)) if scheme != "unix" && place.starts_with("//") => {
@@ -187,7 +186,6 @@ mod tests {
             ("localhost:4000", tcp("localhost:4000")),
             ("tcp:[::1]:4000", tcp("[::1]:4000")),
             ("unix:/run/pendant", Address::Unix("/run/pendant".into())),
-            ("tcp://10.0.0.7:4000", tcp("10.0.0.7:4000")),
         ] {
             assert_eq!(text.parse(), Ok(address), "{text}");
         }
