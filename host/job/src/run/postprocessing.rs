@@ -120,12 +120,7 @@ fn output(plan: &Plan, job: &Job, source: Source, stages: &mut Stages) -> Result
     warnings.extend(passes.iter().filter_map(shortened_away));
     warnings.extend(program.warnings.iter().cloned());
     warnings.extend(tool_warning(job));
-    if job.order.sequence == Sequence::Shortest && seams.len() > MOST_ORDERED {
-        warnings.push(format!(
-            "{} seams are welded in the order in which they were found: of more than {MOST_ORDERED} none is sought",
-            seams.len()
-        ));
-    }
+    warnings.extend(order_warning(seams.len(), job));
     let feasibility = stages.stage("torch", || feasibility(plan, job, &seams, &terrain));
     warnings.extend(feasibility.iter().flat_map(Report::warnings));
     let paths: Vec<SeamPath> = passes.into_iter().map(|pass| pass.path).collect();
@@ -165,6 +160,14 @@ fn output(plan: &Plan, job: &Job, source: Source, stages: &mut Stages) -> Result
         files.push(File::new("feasibility.csv", feasibility_csv::csv(&program.waypoints, report)));
     }
     Ok(Output { paths, program, summary, feasibility, files, program_files: program_names })
+}
+
+fn order_warning(seams: usize, job: &Job) -> Option<String> {
+    (job.order.sequence == Sequence::Shortest && seams > MOST_ORDERED).then(|| {
+        format!(
+            "{seams} seams are welded in the order in which they were found: of more than {MOST_ORDERED} none is sought"
+        )
+    })
 }
 
 /// The program, in the coordinates of `frame`, in every form in which it is written.
