@@ -173,6 +173,20 @@ impl Browser {
         self.call("Input.dispatchKeyEvent", json!({ "type": "keyUp", "key": key, "modifiers": modifiers }));
     }
 
+    /// Presses one of these keys with all that it does by itself: Tab moves on, Enter and the space bar work what is in focus.
+    ///
+    /// # Panics
+    /// At another key.
+    pub fn strike(&mut self, key: &str) {
+        let keys = [("Tab", 9, ""), ("Enter", 13, "\r"), ("Escape", 27, ""), (" ", 32, " ")];
+        let (_, code, text) = keys.into_iter().find(|one| one.0 == key).expect("one of these keys");
+        for kind in ["keyDown", "keyUp"] {
+            let text = if kind == "keyDown" { text } else { "" };
+            let event = json!({ "type": kind, "key": key, "code": if key == " " { "Space" } else { key }, "windowsVirtualKeyCode": code, "text": text });
+            self.call("Input.dispatchKeyEvent", event);
+        }
+    }
+
     /// Makes the window this large, px.
     pub fn resize(&mut self, width: u32, height: u32) {
         let size = json!({ "width": width, "height": height, "deviceScaleFactor": 1, "mobile": false });

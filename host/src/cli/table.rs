@@ -167,6 +167,7 @@ mod tests {
     use weldpath::pipeline::{Derivation, Parameter, Remarks};
     use weldpath::run::job::Job;
     use weldpath::run::postprocessing::postprocess;
+    use weldpath::seam::measure::coverage::{OneSided, Viewpoint};
     use weldpath::seam::{ErrorParts, Joint, Station};
     use weldpath::weld::{PathPoint, Process, SeamPath};
 
@@ -239,6 +240,20 @@ mod tests {
         let short = result(&plan(), &output, &source, Path::new("out"), false);
         let left_out: Vec<&str> = lines.into_iter().filter(|line| !short.contains(line)).collect();
         assert_eq!(left_out, ["voxel_mm = 0.80 (twice the mean spacing)"]);
+    }
+
+    #[test]
+    fn a_seam_that_was_seen_from_one_side_says_so_with_the_view_to_add() {
+        let view = Viewpoint { position_mm: Point3::new(10.0, -300.0, 200.0), direction: Vector3::y() };
+        let one_sided = vec![OneSided { seam: 1, face: -Vector3::y(), view }];
+        let plan = Plan { one_sided, ..plan() };
+        let output = postprocess(&plan, &Job::default(), Source::default()).unwrap();
+        let text = result(&plan, &output, &Source::default(), Path::new("out"), false);
+        let note = text.lines().find(|line| line.starts_with("seam 1: one side seen: ")).unwrap();
+        assert!(
+            note.ends_with("with the camera near (10, -300, 200) mm, looking along (0.00, 1.00, 0.00)"),
+            "{note}"
+        );
     }
 
     #[test]

@@ -103,6 +103,135 @@ fn the_start_page_and_the_page_that_waits_have_no_violation() {
     is_clean(&wrong);
 }
 
+/// Puts all that can be worked in the order in which it stands, each once, behind `place`; how many there are.
+const CONTROLS: &str = "(() => {
+    document.activeElement.blur();
+    const all = [...document.querySelectorAll('button, input, select, summary, a[href], [tabindex=\"0\"]')].filter((one) => !one.disabled
+        && one.checkVisibility({ visibilityProperty: true }) && !one.closest('.labels')
+        && [...document.querySelectorAll('details:not([open])')].every((box) => !box.contains(one) || one === box.querySelector('summary')));
+    all.forEach((one, k) => { one.dataset.place = k; });
+    return all.length;
+})()";
+
+/// Presses Tab from the page's beginning: all that can be worked is reached in its order, and nothing holds the focus.
+fn tab_through(browser: &mut Browser, what: &str) {
+    let count = browser.evaluate(CONTROLS).as_u64().unwrap();
+    assert!(count > 10, "{what}: {count} controls");
+    let mut reached: Vec<u64> = Vec::new();
+    // Labels in the picture come between, and places that scroll.
+    for _ in 0..count + 60 {
+        browser.strike("Tab");
+        let place = browser.evaluate("document.activeElement.dataset.place ?? null");
+        if let Some(place) = place.as_str() {
+            let place: u64 = place.parse().unwrap();
+            if reached.first() == Some(&place) {
+                break;
+            }
+            reached.push(place);
+        }
+    }
+    let names = browser.evaluate("[...document.querySelectorAll('[data-place]')].map((one) => one.id || one.textContent.trim() || one.ariaLabel)");
+    let missed: Vec<&Value> =
+        (0..count).filter(|k| !reached.contains(k)).map(|k| &names[k as usize]).collect();
+    assert!(missed.is_empty(), "{what}: Tab does not reach {missed:?}");
+    // It begins where the focus was before.
+    let first = reached.iter().position(|&place| place == 0).unwrap_or(0);
+    reached.rotate_left(first);
+    assert!(reached.is_sorted(), "{what}: {reached:?} of {names}");
+    browser.evaluate(
+        "document.querySelectorAll('[data-place]').forEach((one) => { delete one.dataset.place; })",
+    );
+}
+
+/// Opens what unfolds by Enter, and closes it by Escape from inside: the focus is where it was.
+fn unfolds(browser: &mut Browser, opener: &str, is_open: &str) {
+    browser.evaluate(&format!("document.querySelector({opener:?}).focus()"));
+    assert_eq!(browser.evaluate(is_open), false, "{opener}");
+    browser.strike("Enter");
+    browser.wait_for(is_open);
+    browser.strike("Tab");
+    browser.strike("Escape");
+    browser
+        .wait_for(&format!("!({is_open}) && document.activeElement === document.querySelector({opener:?})"));
+}
+
+/// The bar, the menus, the drawer and, on a phone, the sheet, by keys alone.
+fn works_by_keys(browser: &mut Browser, what: &str) {
+    for (width, height) in [WINDOWS[0], (1024, 700), WINDOWS[1]] {
+        browser.resize(width, height);
+        tab_through(browser, &format!("{what}, {width} px"));
+        unfolds(browser, "#more", "!document.getElementById('drawer').hidden");
+        unfolds(browser, "#verdict-line", "document.getElementById('verdict').open");
+        unfolds(browser, "#shown summary", "document.getElementById('shown').open");
+    }
+    // Who opens the drawer is in it, and its button to close it is the first that Tab reaches.
+    browser.evaluate("document.getElementById('more').focus()");
+    browser.strike("Enter");
+    browser.wait_for("document.activeElement.id === 'drawer' && document.activeElement.role === 'dialog' && document.activeElement.ariaLabel");
+    assert_eq!(browser.evaluate("document.getElementById('more').ariaExpanded"), "true");
+    browser.strike("Tab");
+    assert_eq!(browser.evaluate("document.activeElement.id"), "close");
+    browser.strike("Enter");
+    browser
+        .wait_for("document.activeElement.id === 'more' && document.activeElement.ariaExpanded === 'false'");
+    // A box in a menu is ticked by the space bar, which is the player's elsewhere.
+    browser.evaluate("(() => { document.getElementById('shown').open = true; document.getElementById('show-way').focus(); })()");
+    let shown = browser.evaluate("document.getElementById('show-way').checked");
+    browser.strike(" ");
+    browser.wait_for(&format!(
+        "document.getElementById('show-way').checked !== {shown} && !weldpath.state.playing"
+    ));
+    browser.strike("Escape");
+    // The sheet of a phone; on a desk the list stays.
+    let folded = "document.getElementById('panel').classList.contains('folded')";
+    browser.evaluate("document.querySelector('#seams tbody button').focus()");
+    browser.strike("Escape");
+    browser.wait_for(&format!(
+        "{folded} && document.activeElement.id === 'sheet' && document.activeElement.ariaExpanded === 'false'"
+    ));
+    browser.strike("Enter");
+    browser.wait_for(&format!("!{folded} && document.activeElement.ariaExpanded === 'true'"));
+    browser.resize(1440, 900);
+    browser.evaluate("document.querySelector('#seams tbody button').focus()");
+    browser.strike("Escape");
+    assert_eq!(browser.evaluate(folded), false, "{what}: a list that is no sheet");
+}
+
+#[test]
+fn the_report_works_by_keys_alone() {
+    let Some(chromium) = browser::chromium() else { return };
+    let home = tempfile::tempdir().unwrap();
+    plan_the_cell(home.path());
+    let page = fs::read_to_string(home.path().join("out/report.html")).unwrap();
+    let mut browser = Browser::open(&chromium, &page);
+    browser.wait_for("document.querySelector('#seams tr[data-seam]')");
+    works_by_keys(&mut browser, "report");
+    // What was seen from one side says so in the list, with the view to add below it.
+    assert_eq!(browser.evaluate("document.querySelector('#seams .one-side').textContent"), "one side seen");
+    let note = browser.evaluate("document.querySelector('#detail .note-of-seam').textContent");
+    assert!(note.as_str().is_some_and(|note| note.contains("with the camera near (")), "{note}");
+    assert_eq!(browser.evaluate("document.getElementById('assumed').hidden"), true, "nothing is assumed");
+}
+
+#[test]
+fn the_page_that_edits_works_by_keys_alone() {
+    let Some(chromium) = browser::chromium() else { return };
+    let mut page = Page::open(&chromium, "scan");
+    works_by_keys(&mut page.browser, "page");
+    unfolds(&mut page.browser, "#files summary", "document.getElementById('files').open");
+    for key in ["established_input", "strike_s", "stickout_mm"] {
+        page.browser.evaluate("document.getElementById('scope-job').click()");
+        page.settle(&format!("document.querySelector('#settings [data-key$=\".{key}\"]')"));
+        let about = page.browser.evaluate(&format!(
+            "(() => {{ const field = document.querySelector('#settings [data-key$=\".{key}\"]'); return [field.title, document.querySelector(`label[for=\"${{field.id}}\"]`).title]; }})()"
+        ));
+        assert!(
+            about[0].as_str().is_some_and(|words| words.len() > 20) && about[0] == about[1],
+            "{key}: {about}"
+        );
+    }
+}
+
 #[test]
 fn what_is_wrong_is_found() {
     let Some(chromium) = browser::chromium() else { return };

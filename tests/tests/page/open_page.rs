@@ -334,6 +334,70 @@ fn a_box_is_clicked_put_right_by_numbers_and_excluded_and_another_is_typed() {
     assert!(page.browser.console().is_empty(), "{:?}", page.browser.console());
 }
 
+/// Plans what a search with other settings finds, and takes it back.
+#[test]
+fn another_search_and_its_undo_come_into_the_same_page_with_the_seam_that_was_selected() {
+    let Some(chromium) = browser::chromium() else { return };
+    let mut page = Page::open(&chromium, "scan");
+    let all = page.order().len();
+    // The one that is farthest from the first, about which none is searched then.
+    let last = page.browser.evaluate(
+        "(() => {
+            const middle = ({ line_mm }) => line_mm[line_mm.length >> 1];
+            const [first] = weldpath.content.seams.map(middle);
+            const away = (seam) => Math.hypot(...middle(seam).map((v, axis) => v - first[axis]));
+            return [...weldpath.content.seams].sort((a, b) => away(b) - away(a))[0].id;
+        })()",
+    );
+    let last = last.as_u64().unwrap();
+    page.browser.evaluate(&format!("document.querySelector('#seams tr[data-seam=\"{last}\"]').click()"));
+    page.browser.evaluate("(() => { globalThis.isHere = true; weldpath.scene.turn(0.3, 0.1); })()");
+    let camera = "weldpath.scene.camera.position.toArray().join()";
+    let stood = page.browser.evaluate(camera);
+    let line = "weldpath.content.seams.find((seam) => seam.id === weldpath.state.seam).line_mm";
+    let middle = |page: &mut Page| {
+        let place = page
+            .browser
+            .evaluate(&format!("(() => {{ const line = {line}; return line[line.length >> 1]; }})()"));
+        [0, 1, 2].map(|axis| place[axis].as_f64().unwrap())
+    };
+    let selected = middle(&mut page);
+    page.browser.evaluate(
+        "(async () => {
+            const line = weldpath.content.seams[0].line_mm;
+            const bound = (pick, by) => [0, 1, 2].map((axis) => pick(...line.map((p) => p[axis])) + by);
+            const body = { edit: 'exclude', was: null, now: { box: [bound(Math.min, -8), bound(Math.max, 8)] } };
+            const answer = await fetch('edit', { method: 'POST', headers: { 'content-type': 'application/json' }, body: JSON.stringify(body) });
+            if (!answer.ok) throw new Error(await answer.text());
+        })()",
+    );
+    let cloud = page.browser.evaluate("document.getElementById('editor').dataset.cloud");
+    page.plan();
+    assert_ne!(
+        page.browser.evaluate("document.getElementById('editor').dataset.cloud"),
+        cloud,
+        "another search"
+    );
+    let fewer = page.browser.evaluate("document.querySelectorAll('#seams tr[data-seam]').length");
+    assert!(fewer.as_u64().unwrap() < all as u64, "{fewer} of {all}");
+    assert!(apart_mm(middle(&mut page), selected) < 5.0, "the same seam is selected");
+    page.browser.press("z", true);
+    page.plan();
+    assert_eq!(page.browser.evaluate("globalThis.isHere"), true, "the page was not loaded anew");
+    assert_eq!(page.browser.evaluate(camera), stood);
+    assert_eq!(
+        page.browser.evaluate("document.querySelectorAll('#seams tr[data-seam]').length").as_u64(),
+        Some(all as u64)
+    );
+    assert_eq!(page.browser.evaluate("weldpath.state.seam").as_u64(), Some(last));
+    assert!(apart_mm(middle(&mut page), selected) < 5.0);
+    // The cloud is that of the plan, and there once.
+    let drawn = "weldpath.scene.groups.model.geometry.attributes.position.count === weldpath.content.clouds.model.count
+        && weldpath.scene.scene.children.filter((one) => one.isPoints).length === 2";
+    assert_eq!(page.browser.evaluate(drawn), true);
+    assert!(page.browser.console().is_empty(), "{:?}", page.browser.console());
+}
+
 #[test]
 fn a_cross_section_is_looked_at_by_keys_and_measured_and_a_joint_type_is_corrected() {
     let Some(chromium) = browser::chromium() else { return };

@@ -147,6 +147,24 @@ fn points_in_the_page_lie_on_the_pipe_or_the_plate() {
 }
 
 #[test]
+fn an_assumed_side_is_written_in_the_picture_and_no_other_plan_says_so() {
+    let mut assumed = plan(3000);
+    assumed.derived.orientation_assumed = true;
+    let [page, picture] = report(&assumed, "");
+    let note = "side assumed: see that the torch is on the side of the air";
+    assert_eq!((picture.matches(note).count(), SMALL[1].matches(note).count()), (4, 0), "once in each view");
+    let Some(chromium) = browser::chromium() else { return };
+    for (page, notes) in [(&page, vec![note]), (&SMALL[0], Vec::new())] {
+        let mut browser = Browser::open(&chromium, page);
+        browser.wait_for("document.querySelector('#seams tr[data-seam]')");
+        let shown = browser.evaluate(
+            "[...document.querySelectorAll('#assumed:not([hidden]) [data-assumed]')].map((one) => one.textContent)",
+        );
+        assert_eq!(shown, Value::from(notes));
+    }
+}
+
+#[test]
 fn the_page_may_fetch_nothing_and_names_no_address() {
     let page = &SMALL[0];
     assert!(page.contains("http-equiv=\"Content-Security-Policy\" content=\"default-src 'none';"));

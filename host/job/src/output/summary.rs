@@ -343,9 +343,12 @@ fn touch(touched: &Touched) -> TouchSummary {
 }
 
 fn seams_of(plan: &Plan, lines: &[SeamPath], paths: &[SeamPath], up: UnitVector3<f64>) -> Vec<SeamSummary> {
-    let one_side = |id: usize| plan.one_sided.iter().find(|one| one.seam == id).map(one_side);
-    let summary =
-        |seam: &Seam| SeamSummary { one_side: one_side(seam.id), ..seam_summary(seam, lines, paths, up) };
+    let one_sided = |id: usize| plan.one_sided.iter().find(|one| one.seam == id);
+    let summary = |seam: &Seam| SeamSummary {
+        one_side: one_sided(seam.id).map(one_side),
+        notes: one_sided(seam.id).map(OneSided::words).into_iter().collect(),
+        ..seam_summary(seam, lines, paths, up)
+    };
     plan.seams.iter().map(summary).collect()
 }
 

@@ -216,12 +216,12 @@ pub struct ArcSettings {
     /// Digital output of a gas valve of its own.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gas_output: Option<Output>,
-    /// Digital input that is high while the arc burns.
+    /// Digital input that is high while the arc burns: the power source says that the arc is established.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub established_input: Option<Input>,
     /// Gas before the arc.
     pub gas_preflow_s: TimeS<500>,
-    /// Time for the arc to establish.
+    /// Strike: how long the arc may take to establish itself, once power and wire are on.
     pub strike_s: TimeS<800>,
     /// Standing still at the end of a seam.
     pub crater_s: TimeS<300>,

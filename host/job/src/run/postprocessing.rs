@@ -124,14 +124,11 @@ fn output(plan: &Plan, job: &Job, source: Source, stages: &mut Stages) -> Result
     let feasibility = stages.stage("torch", || feasibility(plan, job, &seams, &terrain));
     warnings.extend(feasibility.iter().flat_map(Report::warnings));
     let paths: Vec<SeamPath> = passes.into_iter().map(|pass| pass.path).collect();
-    let free = |(path, weld): &(SeamPath, Weld)| (weld.direction() == Direction::Free).then_some(path.seam);
-    let free: Vec<usize> = seams.iter().filter_map(free).collect();
+    let free = undirected(&seams);
     let lines: Vec<SeamPath> = seams.into_iter().map(|(path, _)| path).collect();
     let mut found = source.findings.clone();
     found.extend(verdict::of_plan(plan, job));
-    found.extend(verdict::many_seams(&lines));
-    found.extend(inside.iter().map(verdict::left_inside));
-    found.extend(verdict::tips_inside(&paths, &plan.model));
+    found.extend(of_paths(plan, &lines, &paths, &inside));
     let verdict = || verdict_on(&program.waypoints, plan.surface(), job, feasibility.as_ref(), found);
     let verdict = stages.stage("torch", verdict);
     let summary = Summary::new(plan, source, &lines, &paths, job.order.up.get(), warnings)
@@ -334,6 +331,19 @@ fn way(path: &SeamPath, weld: &Weld, job: &Job) -> AllowedDirection {
         Direction::Up => uphill(path, job.order.up.get()),
         Direction::Down => uphill(path, -job.order.up.get()),
     }
+}
+
+/// Ids of the seams of which nobody said which way they are welded.
+fn undirected(seams: &[(SeamPath, Weld)]) -> Vec<usize> {
+    let free = seams.iter().filter(|(_, weld)| weld.direction() == Direction::Free);
+    free.map(|(path, _)| path.seam).collect()
+}
+
+/// What stands against the paths: `inside` are those that the torch does not get to.
+fn of_paths(plan: &Plan, lines: &[SeamPath], paths: &[SeamPath], inside: &[SeamPath]) -> Vec<Finding> {
+    let left = inside.iter().map(verdict::left_inside);
+    let tips = verdict::tips_inside(paths, &plan.model);
+    verdict::many_seams(lines).into_iter().chain(left).chain(tips).collect()
 }
 
 /// The passes of a seam, with the changes that name it.

@@ -119,7 +119,7 @@ fn all_positive() -> [i8; 6] {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct TorchBodySettings {
-    /// From the tip of the wire to the nozzle.
+    /// Stick-out: length of the wire from the nozzle to its tip.
     pub stickout_mm: f64,
     /// Outer radius of the gas nozzle.
     pub nozzle_radius_mm: f64,

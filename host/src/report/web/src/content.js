@@ -16,9 +16,8 @@ function bytes(base64) {
   return out;
 }
 
-// The columns of both layers; taken out of the page once, since they are large.
-export function layers() {
-  const element = document.getElementById("points");
+// The columns of both layers, from the element that holds them; taken out of the page, since they are large.
+export function layers(element) {
   const block = bytes(element.textContent.trim()).buffer;
   element.remove();
   const layer = (meta) => meta && {
@@ -38,7 +37,7 @@ function join() {
 }
 join();
 
-// Numbers of another plan of the same scan in place of these. Where one looks from stays: what has changed is to be seen.
+// Numbers of another plan in place of these. Where one looks from stays: what has changed is to be seen.
 export function takeContent(next) {
   const { centre_mm, radius_mm, up, eye, heights_mm } = content;
   Object.assign(content, next, { centre_mm, radius_mm, up, eye, heights_mm });

@@ -131,7 +131,7 @@ function colouring(k) {
 }
 
 // Views whose points are in the model, in the order of its colours.
-const used = content.summary.views.filter((v) => v.left_out === null);
+const used = () => content.summary.views.filter((v) => v.left_out === null);
 
 // What the colours mean.
 function legend() {
@@ -145,8 +145,8 @@ function legend() {
     () => [TEXTS.legend.height, ramp(stops, number(base + content.heights_mm[0]), number(base + content.heights_mm[1]))],
     () => [TEXTS.legend.intensity, ramp([`#8b98a8 ${(100 * gate) / (0.5 * content.intensity_full)}%`, ...stops.slice(2)], TEXTS.flat(number(gate)), TEXTS.andMore(number(0.5 * content.intensity_full)))],
     () => [TEXTS.legend.normals, el("div", { class: "keys" }, key("#ff8080", "x"), key("#80ff80", "y"), key("#8080ff", "z"))],
-    () => [TEXTS.legend.view, el("div", { class: "keys" }, (used.length ? used.slice(0, 10) : [{ name: TEXTS.theCloud }]).map((v, k) => key(viewColour(k), v.name)))],
-    () => [TEXTS.legend.filter, ramp(["#2673f2", "#8b98a8", "#f27319"], TEXTS.below(number(filterScale)), TEXTS.above(number(filterScale)))],
+    () => [TEXTS.legend.view, el("div", { class: "keys" }, (used().length ? used().slice(0, 10) : [{ name: TEXTS.theCloud }]).map((v, k) => key(viewColour(k), v.name)))],
+    () => [TEXTS.legend.filter, ramp(["#2673f2", "#8b98a8", "#f27319"], TEXTS.below(number(filterScale())), TEXTS.above(number(filterScale())))],
   ];
   const arm = scene.groups.arm && content.arm;
   $("legend").replaceChildren(...parts[state.colouring]().flat(),
@@ -154,7 +154,7 @@ function legend() {
 }
 
 // Two standard deviations of the noise fill the colours of the filter's work.
-const filterScale = 2 * (content.summary.derived.find((d) => d.name === "noise_mm")?.value || 0.25);
+const filterScale = () => 2 * (content.summary.derived.find((d) => d.name === "noise_mm")?.value || 0.25);
 
 // Buttons with the seams' ids, each at the middle of its seam.
 function labels() {
@@ -264,14 +264,14 @@ function themes() {
 
 function picture() {
   try {
-    scene = new Scene($("canvas"), layers(), afterFrame);
+    scene = new Scene($("canvas"), layers($("points")), afterFrame);
   } catch (error) {
     // Without WebGL the numbers are still worth reading.
     $("nogl").hidden = false;
     $("canvas").hidden = true;
     return;
   }
-  scene.filterScale(filterScale);
+  scene.filterScale(filterScale());
   state.colouring = Math.max(COLOURINGS.indexOf(wish.get("colour")), 0);
   state.cloud = CLOUDS.find((name) => name === wish.get("cloud")) ?? "model";
   tools();
@@ -331,14 +331,34 @@ function unfolding() {
   $("verdict").open = content.summary.verdict.state === "refused";
 }
 
-// Another plan of the same scan in place of this one: lines, torch, words and player are made anew, the clouds stay where they
-// are, and so does whoever looks.
-function renew(next) {
+// The seam at the place of another one, as a new search may number it otherwise; else one that is welded.
+function seamNear(line_mm) {
+  const middle = line_mm?.[line_mm.length >> 1];
+  const away = (seam) => Math.min(...seam.line_mm.map((p) => Math.hypot(...p.map((v, axis) => v - middle[axis]))));
+  const near = middle ? seams.filter((seam) => away(seam) < SAME_SEAM_MM).sort((a, b) => away(a) - away(b)) : [];
+  return near[0] ?? seams.find((seam) => seam.selected) ?? seams[0];
+}
+
+const SAME_SEAM_MM = 10;
+
+// Another plan in place of this one: lines, torch, words and player are made anew. Whoever looks stays where he is, and so do the
+// clouds, unless `points` holds those of another search.
+function renew(next, points) {
+  const { line_mm } = seams.find((seam) => seam.id === state.seam) ?? {};
   takeContent(next);
   readProgram();
   if (!waypoints.length) play(false);
   words();
   bands();
+  if (points) {
+    panel.head();
+    panel.charts();
+    scene?.replaceClouds(layers(points));
+    scene?.filterScale(filterScale());
+    scene?.cloud(state.cloud);
+    state.seam = seamNear(line_mm)?.id ?? null;
+    if (state.seam === null) $("detail").replaceChildren();
+  }
   scene?.renew();
   if (scene) {
     labels();

@@ -210,7 +210,7 @@ export function charts() {
     cards.push(card(TEXTS.stages, TEXTS.stagesWords(number(sum(content.summary.stages.map((s) => s.time_s)))),
       bars(content.summary.stages.map((s) => ({ name: s.name, value: 1000 * s.time_s })), { unit: "ms", label: TEXTS.stages })));
   }
-  $("charts").append(...cards);
+  $("charts").replaceChildren(...cards);
 }
 
 function table(heads, rows) {

@@ -119,6 +119,15 @@ export class Scene {
     this.addArm();
   }
 
+  // Those of another search; whoever looks stays where he is.
+  replaceClouds(layers) {
+    for (const name of ["model", "raw", "cameras"]) this.drop(name);
+    shared.full.value = content.intensity_full;
+    shared.gate.value = content.histograms.intensity_gate ?? 0.1;
+    this.addClouds(layers);
+    this.addCameras();
+  }
+
   // What is drawn of a program anew, shown or hidden as it was.
   renew() {
     const hidden = ["hidden", "seams", "unwelded", "frames", "way", "torch", "arm", "chosen"].filter((name) => this.drop(name) === false);

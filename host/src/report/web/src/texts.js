@@ -373,6 +373,14 @@ export const LABELS = /* @__PURE__ */ texts("LABELS", {
   },
   stitch: { pattern: "Pattern", length_mm: "Length", pitch_mm: "Pitch", count: "Number of tacks" },
   pass: { across_mm: "To the right of the seam", out_mm: "Out of the work", reverse: "Against the seam's direction" },
+  arc: {
+    output: "Output that starts the arc", gas_output: "Output of the gas valve", established_input: "Input: arc established (burning)", gas_preflow_s: "Gas before the arc",
+    strike_s: "Strike: time until the arc burns", crater_s: "Crater fill at the end", gas_postflow_s: "Gas after the arc",
+  },
+  torch_body: {
+    stickout_mm: "Stick-out: wire beyond the nozzle", nozzle_radius_mm: "Radius of the nozzle", nozzle_length_mm: "Length of the nozzle", neck_length_mm: "Length of the neck",
+    neck_deg: "Bend of the neck", body_radius_mm: "Radius of the body", body_length_mm: "Length of the body", cable_radius_mm: "Radius of the cables", keep_off_mm: "Least distance to the work",
+  },
   tool: {
     flange_from_tcp_mm: "Tip of the wire in the flange's frame", flange_from_tcp_rotation_rad: "Rotation vector, z out of the torch",
     payload_kg: "Payload", payload_centre_mm: "Centre of the payload",

@@ -91,7 +91,7 @@ export function field(schema, type, table, key, save) {
       el("button", { type: "button", onclick: async () => { slip.hidden = true; await act("undo"); input.focus(); } }, WORDS.undo));
   }
   input.addEventListener("change", () => store(read(what.kind, input.value.trim())));
-  const row = el("div", { class: "field" }, el("label", { for: id }, name), input, reset, about, refusal, slip);
+  const row = el("div", { class: "field" }, el("label", { for: id, title: property.description }, name), input, reset, about, refusal, slip);
   row.update = (said, holds) => {
     current = said ?? holds;
     if (what.kind === "number") about.textContent = said === undefined || said === null ? limits : WORDS.holds(shown(said), unitOf(key), limits);

@@ -1,9 +1,9 @@
 // The report as a page that edits its job. The report itself stays as it is in a file: this script comes behind it, adds what
-// can be clicked, and puts another plan in its place: the numbers alone where the cloud is the same, else the whole page.
+// can be clicked, and puts another plan in its place: the numbers alone where the cloud is the same, else the points, too.
 
 import { $, el } from "../../src/dom.js";
 import { GROUPS, LABELS, LANGUAGE, WORDS } from "../../src/texts.js";
-import { act, content, edit, follow, onState, schema as ofJob } from "./server.js";
+import { act, content, edit, follow, onState, report, schema as ofJob } from "./server.js";
 import { Files } from "./files.js";
 import { parts } from "./panel.js";
 import { Ends } from "./ends.js";
@@ -13,11 +13,11 @@ import { beyond, draw, sketchAround } from "./regions.js";
 
 const own = { plan: Number($("editor").dataset.plan), cloud: Number($("editor").dataset.cloud), taking: false, schema: null, state: null, scope: "seam", parts: [], built: null };
 const page = globalThis.weldpath;
-const seamIds = page?.content.summary.seams.map((seam) => seam.id) ?? [];
+const seamIds = () => page?.content.summary.seams.map((seam) => seam.id) ?? [];
 const chosen = () => page?.state.seam ?? null;
 const seamState = (id) => own.state?.seams.find((seam) => seam.id === id);
 // The seam that is edited; null where it is all of a joint type, or the whole job.
-const target = () => (own.scope === "seam" && seamIds.length ? chosen() : null);
+const target = () => (own.scope === "seam" && seamIds().length ? chosen() : null);
 const jointOf = (id) => seamState(id)?.own?.joint ?? seamState(id)?.found_joint;
 const scopeNow = () => (target() ? { seam: target() } : own.scope === "joint" && jointOf(chosen()) ? { joint: jointOf(chosen()) } : {});
 
@@ -294,7 +294,7 @@ function render(state) {
   inPicture.changed();
   const selected = seamState(chosen());
   ends?.show(selected && seamLine(selected.id), selected?.settings, selected && isReversed(selected));
-  $("scope-seam").hidden = !seamIds.length;
+  $("scope-seam").hidden = !seamIds().length;
   $("scope-seam").textContent = WORDS.scopeSeam(chosen());
   $("scope-seam").setAttribute("aria-pressed", String(id !== null));
   $("scope-joint").hidden = !jointOf(chosen());
@@ -342,7 +342,7 @@ function keep() {
 function restore() {
   const { seam, scope: last, camera, scroll, reasons: unfolded } = stored();
   own.scope = last ?? "seam";
-  if (seamIds.includes(seam)) document.querySelector(`#seams tr[data-seam="${seam}"]`).click();
+  if (seamIds().includes(seam)) document.querySelector(`#seams tr[data-seam="${seam}"]`).click();
   if (camera && page.scene) {
     page.scene.fits = null;
     page.scene.camera.position.fromArray(camera.position);
@@ -368,7 +368,7 @@ const inPicture = {
   plane: (section) => { inPicture.section = section; inPicture.changed(); },
   clicks: clicks ? [KINDS.b, KINDS.h].map((kind) => ({ ...kind, begin: () => begin(kind) })) : [],
 };
-const ends = page?.scene && seamIds.length ? new Ends(page.scene, (seam, key, mm) => change({ edit: "set", seam, key: `path.${key}`, value: mm })) : null;
+const ends = page?.scene ? new Ends(page.scene, (seam, key, mm) => change({ edit: "set", seam, key: `path.${key}`, value: mm })) : null;
 
 toolbar();
 keyboard();
@@ -392,19 +392,20 @@ function focused() {
   return () => list && [...document.querySelectorAll(list)].find((one) => about(one) === what)?.focus();
 }
 
-// Takes the numbers of the last plan, if they are of the cloud that is drawn; whether they were.
+// Takes the last plan, its points, too, if they are of another cloud than the one that is drawn; whether there is one.
 async function takePlan() {
-  const last = await content();
-  if (!last || last.cloud !== own.cloud) return false;
+  const numbers = own.state.cloud === own.cloud ? await content() : null;
+  const last = numbers?.cloud === own.cloud ? numbers : await report();
+  if (!last) return false;
   const refocus = focused();
-  page.renew(last.content);
+  page.renew(last.content, last.points);
   ticks();
   asks();
   reasons();
   leads();
   refocus();
-  own.plan = last.plan;
-  $("editor").dataset.plan = last.plan;
+  Object.assign(own, { plan: last.plan, cloud: last.cloud });
+  Object.assign($("editor").dataset, { plan: last.plan, cloud: last.cloud });
   return true;
 }
 
@@ -413,7 +414,7 @@ async function bringUp() {
   if (own.taking) return;
   own.taking = true;
   while (own.state.plan !== own.plan) {
-    if (page && own.state.cloud === own.cloud && (await takePlan())) continue;
+    if (page && (await takePlan())) continue;
     location.reload();
     return;
   }

@@ -28,6 +28,16 @@ export async function content() {
   return answer.ok ? answer.json() : null;
 }
 
+// The same with the element that holds its points, of whatever cloud; null if there is no report.
+export async function report() {
+  const answer = await fetch(location.pathname);
+  if (!answer.ok) return null;
+  const page = new DOMParser().parseFromString(await answer.text(), "text/html");
+  const [numbers, points, editor] = ["content", "points", "editor"].map((id) => page.getElementById(id));
+  if (!numbers || !points) return null;
+  return { plan: Number(editor.dataset.plan), cloud: Number(editor.dataset.cloud), content: JSON.parse(numbers.textContent), points };
+}
+
 // The cross-section of a seam so far along it, or why there is none.
 export async function section(seam, at_mm) {
   const answer = await fetch(`section?seam=${seam}&at_mm=${at_mm}`);
