@@ -54,7 +54,7 @@ export class Ends {
   }
 
   handle(key) {
-    const button = el("button", { type: "button", class: "end", "data-end": key });
+    const button = el("button", { type: "button", class: "end", "data-end": key, hidden: true });
     const handle = { key, button, mm: 0, drag: false };
     button.addEventListener("pointerdown", (event) => {
       handle.drag = true;
