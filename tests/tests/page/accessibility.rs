@@ -73,14 +73,19 @@ fn the_page_that_edits_has_no_violation_whatever_is_open_in_it() {
     is_clean(&wrong);
 }
 
-#[test]
-fn the_report_has_no_violation() {
-    let Some(chromium) = browser::chromium() else { return };
+fn report_of_the_cell(chromium: &Path) -> Browser {
     let home = tempfile::tempdir().unwrap();
     plan_the_cell(home.path());
     let page = fs::read_to_string(home.path().join("out/report.html")).unwrap();
-    let mut browser = Browser::open(&chromium, &page);
+    let mut browser = Browser::open(chromium, &page);
     browser.wait_for("document.querySelector('#seams tr[data-seam]')");
+    browser
+}
+
+#[test]
+fn the_report_has_no_violation() {
+    let Some(chromium) = browser::chromium() else { return };
+    let mut browser = report_of_the_cell(&chromium);
     is_clean(&look(&mut browser, "report", unfold));
 }
 
@@ -200,11 +205,7 @@ fn works_by_keys(browser: &mut Browser, what: &str) {
 #[test]
 fn the_report_works_by_keys_alone() {
     let Some(chromium) = browser::chromium() else { return };
-    let home = tempfile::tempdir().unwrap();
-    plan_the_cell(home.path());
-    let page = fs::read_to_string(home.path().join("out/report.html")).unwrap();
-    let mut browser = Browser::open(&chromium, &page);
-    browser.wait_for("document.querySelector('#seams tr[data-seam]')");
+    let mut browser = report_of_the_cell(&chromium);
     works_by_keys(&mut browser, "report");
     // What was seen from one side says so in the list, with the view to add below it.
     assert_eq!(browser.evaluate("document.querySelector('#seams .one-side').textContent"), "one side seen");
