@@ -152,16 +152,13 @@ impl<'a> Layers<'a> {
     /// The foot of the step beside a point of an upper layer.
     fn step(&self, slot: usize) -> Option<InsideCorner> {
         let v = self.voxel_mm;
-        let at = self.grid.point(slot);
+        let mut at = self.grid.point(slot);
         let mut normal = self.layers_normal(&at, &self.normals[slot])?;
-        let out = self.way_out(&at, &normal, if self.is_thin() { LIKELY_ASYMMETRY } else { ASYMMETRY })?;
-        let (at, out) = match self.is_thin() {
-            true => {
-                let at = self.on_layer(at, &mut normal)?;
-                (at, self.way_out(&at, &normal, ASYMMETRY)?)
-            }
-            false => (at, out),
-        };
+        if self.is_thin() {
+            self.way_out(&at, &normal, LIKELY_ASYMMETRY)?;
+            at = self.on_layer(at, &mut normal)?;
+        }
+        let out = self.way_out(&at, &normal, ASYMMETRY)?;
         let along = normal.cross(&out);
         let mut edge = 0.0f32;
         self.layer(&at, &normal, self.config.radius * v, |d| {
