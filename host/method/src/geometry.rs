@@ -2,6 +2,7 @@
 //! row of point-to-plane registration, and statistics.
 
 pub mod cloud;
+pub(crate) mod columns;
 pub mod grid;
 pub mod mesh;
 pub mod plane;

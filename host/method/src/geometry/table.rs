@@ -3,8 +3,10 @@
 //! Lengths are millimetres, or whatever the unit of a file is that is not known yet.
 
 use crate::geometry::cloud::Picture;
+use crate::geometry::columns::Columns;
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 use rayon::prelude::*;
+use wide::f32x8;
 
 /// The largest planes through points, by three of them at a time (Fischler and Bolles 1981, *Random sample consensus*): unit
 /// normal and level, until fewer than `least_share` of all are left. Points know better than normals, which a thin noisy voxel
@@ -32,13 +34,17 @@ fn sample(points: &[Point3<f32>]) -> Vec<Vector3<f32>> {
 
 /// The plane through three of the points that most of them are near to.
 fn consensus(points: &[Vector3<f32>], half_mm: f32) -> Option<(Vector3<f32>, f32)> {
+    let columns = Columns::new(points);
     // Steps of a low-discrepancy sequence: the same triples in every run, and none of them neighbours.
     let index = |k: usize, way: f64| ((k as f64 * way).fract() * points.len() as f64) as usize;
     let triple = |k: usize| {
         let [a, b, c] = TRIPLE_STEPS.map(|way| points[index(k + 1, way)]);
         let normal = (b - a).cross(&(c - a)).try_normalize(half_mm * half_mm)?;
-        let near = points.iter().filter(|p| normal.dot(&(*p - a)).abs() < half_mm).count();
-        Some((near, (normal, normal.dot(&a))))
+        let level_mm = normal.dot(&a);
+        let near =
+            |first: usize| (columns.along(first, &normal) - level_mm).abs().simd_lt(f32x8::splat(half_mm));
+        let near: u32 = columns.eights().map(|first| near(first).to_bitmask().count_ones()).sum();
+        Some((near, (normal, level_mm)))
     };
     let all: Vec<_> = (0..TRIPLES).into_par_iter().filter_map(triple).collect();
     all.into_iter().max_by_key(|(near, _)| *near).map(|(_, plane)| plane)

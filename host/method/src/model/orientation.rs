@@ -12,11 +12,12 @@ mod sides;
 mod table;
 
 use crate::geometry::grid::Grid;
+use crate::geometry::grid::sweep::Eight;
 use crate::model::downsampling::Voxels;
 use nalgebra::{Matrix3, Vector3};
-use rayon::prelude::*;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
+use wide::f32x8;
 
 use looks::{ALL, Directions, Looks};
 use shadows::Shadows;
@@ -68,14 +69,15 @@ impl Orientation {
 pub fn seen(voxels: &Voxels, given: bool) -> Orientation {
     let normals = &voxels.cloud.normals;
     let looks = Looks::at(voxels);
+    let faced = looks.faced(normals);
     let (from, from_above, table) = from(voxels, &looks);
     let of_table = |p| table.is_some_and(|table| table.is_of(p, voxels.edge_mm));
     let of_table: Vec<bool> = voxels.cloud.points_mm.iter().map(of_table).collect();
     let shadows = table.map_or_else(Shadows::default, |table| {
         Shadows::on(&table.places(voxels), voxels, &of_table, &looks, from)
     });
-    let (at_one, unsure) = Sides::new(voxels, &looks, from, &of_table, shadows).at_one();
-    let votes = smoothed(voxels, &votes(&looks.counts(normals, at_one)));
+    let (at_one, unsure) = Sides::new(voxels, &looks, &faced, from, &of_table, shadows).at_one();
+    let votes = smoothed(voxels, &votes(&looks.counts(&faced, at_one)));
     let judged = votes.iter().filter(|vote| vote.abs() > 0.5);
     let (agree, all) = judged.fold((0u32, 0u32), |(yes, all), vote| (yes + u32::from(*vote > 0.0), all + 1));
     let share = agree as f32 / all.max(1) as f32;
@@ -114,22 +116,27 @@ fn spread(voxels: &Voxels, votes: &[f32]) -> (Vec<Vector3<f32>>, Vec<bool>) {
     let mut normals: Vec<Vector3<f32>> = voxels.cloud.normals.iter().zip(votes).map(turn).collect();
     // By likeness, whose bits are ordered as it is, then by place: the order does not depend on chance.
     let mut queue: BinaryHeap<(u32, Reverse<(usize, usize)>)> = BinaryHeap::new();
-    let steps = |from: usize, unknown: &[bool], normals: &[Vector3<f32>], queue: &mut BinaryHeap<_>| {
-        grid.within(&points[from], reach_mm, |slot, _| {
-            let to = grid.index(slot);
-            if unknown[to] {
-                let alike = normals[from].dot(&normals[to]).abs();
-                queue.push((alike.to_bits(), Reverse((to, from))));
+    let alike =
+        |from: usize, to: usize, normals: &[Vector3<f32>]| normals[from].dot(&normals[to]).abs().to_bits();
+    for to in (0..points.len()).filter(|&i| unknown[i]) {
+        grid.within(&points[to], reach_mm, |slot, _| {
+            let from = grid.index(slot);
+            if !unknown[from] {
+                queue.push((alike(from, to, &normals), Reverse((to, from))));
             }
         });
-    };
-    (0..points.len()).filter(|&i| !unknown[i]).for_each(|i| steps(i, &unknown, &normals, &mut queue));
+    }
     while let Some((_, Reverse((to, from)))) = queue.pop() {
         if std::mem::replace(&mut unknown[to], false) {
             if normals[to].dot(&normals[from]) < 0.0 {
                 normals[to] = -normals[to];
             }
-            steps(to, &unknown, &normals, &mut queue);
+            grid.within(&points[to], reach_mm, |slot, _| {
+                let next = grid.index(slot);
+                if unknown[next] {
+                    queue.push((alike(to, next, &normals), Reverse((next, to))));
+                }
+            });
         }
     }
     (normals, unknown)
@@ -180,20 +187,34 @@ fn votes(counts: &[[u16; 2]]) -> Vec<f32> {
 
 /// Each vote with those of its neighbours that lie in about the same surface.
 fn smoothed(voxels: &Voxels, votes: &[f32]) -> Vec<f32> {
-    let (points, normals) = (&voxels.cloud.points_mm, &voxels.cloud.normals);
-    let reach_mm = REACH_VOXELS * voxels.edge_mm;
-    let grid = Grid::new(points, reach_mm);
-    let vote = |i: usize| {
-        let (mut sum, mut weight) = (0.0, 0.0);
-        grid.within(&points[i], reach_mm, |slot, _| {
-            let k = grid.index(slot);
-            let alike = normals[i].dot(&normals[k]);
-            sum += votes[k] * alike * alike.abs();
-            weight += alike * alike;
-        });
-        sum / f32::max(weight, 1e-6)
-    };
-    (0..points.len()).into_par_iter().map(vote).collect()
+    let sums = sums(voxels, REACH_VOXELS, votes, |alike, vote| [vote * alike * alike.abs(), alike * alike]);
+    sums.into_iter().map(|[sum, weight]| sum / f32::max(weight, 1e-6)).collect()
+}
+
+/// Sums over the neighbours of each voxel, itself included, of what `terms` makes of the cosines between their normals and its own and
+/// of their `values`.
+fn sums(
+    voxels: &Voxels,
+    reach_voxels: f32,
+    values: &[f32],
+    terms: impl Fn(f32x8, f32x8) -> [f32x8; 2] + Sync,
+) -> Vec<[f32; 2]> {
+    let reach_mm = reach_voxels * voxels.edge_mm;
+    let grid = Grid::new(&voxels.cloud.points_mm, reach_mm);
+    let (normals, values) = (grid.by_slot(&voxels.cloud.normals), grid.by_slot(values));
+    let [x, y, z] = [0, 1, 2].map(|axis| normals.iter().map(|n| n[axis]).collect::<Vec<f32>>());
+    let limit = f32x8::splat(reach_mm * reach_mm);
+    let sums = grid.sweep(reach_mm, [&x, &y, &z, &values], |slot, around| {
+        let (own, mut sums) = (normals[slot], [f32x8::ZERO; 2]);
+        for Eight { d2, columns: [x, y, z, value], .. } in around.from(grid.point(slot)) {
+            let inside = d2.simd_lt(limit);
+            for (sum, term) in sums.iter_mut().zip(terms(x * own.x + y * own.y + z * own.z, value)) {
+                *sum += inside & term;
+            }
+        }
+        sums.map(f32x8::reduce_add)
+    });
+    grid.by_point(&sums)
 }
 
 /// The most common axes of normals, whichever way they face, the most common first.

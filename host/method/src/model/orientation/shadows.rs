@@ -2,6 +2,7 @@
 
 use super::looks::{Directions, LOOKS, Looks, Picture, bits};
 use super::table::Places;
+use crate::geometry::columns::Columns;
 use crate::model::downsampling::Voxels;
 use nalgebra::Point3;
 use rayon::prelude::*;
@@ -34,6 +35,7 @@ impl Shadows {
         if standing.is_empty() {
             return shadows;
         }
+        let standing = Columns::new(&standing);
         let count = |k: usize| {
             let picture = Picture::new(&standing, voxels.edge_mm, &looks.directions[k]);
             let bare = places.bare.iter().filter(|place| picture.shows(place)).count();

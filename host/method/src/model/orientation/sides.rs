@@ -1,11 +1,9 @@
 //! Which looks see a cloud from the side whence it was scanned.
 
-use super::looks::{Directions, LOOKS, Looks, bits};
+use super::looks::{Directions, LOOKS, Looks, Tally, bits};
 use super::shadows::Shadows;
-use crate::geometry::grid::Grid;
+use super::sums;
 use crate::model::downsampling::Voxels;
-use nalgebra::Vector3;
-use rayon::prelude::*;
 use std::cmp::Reverse;
 
 /// Share of what a look sees that it may see from the wrong side: through the gaps between points, and at borders.
@@ -19,7 +17,8 @@ const LEAST_LEAD: f32 = 0.2;
 /// The looks among which is sought, and what each of them shows.
 pub(super) struct Sides<'a> {
     looks: &'a Looks,
-    normals: &'a [Vector3<f32>],
+    /// Which of them each voxel faces.
+    faced: &'a [Directions],
     from: Directions,
     /// Voxels that have no say: their side is known, or their normal says nothing.
     mute: Vec<bool>,
@@ -30,10 +29,11 @@ pub(super) struct Sides<'a> {
 }
 
 impl<'a> Sides<'a> {
-    /// Those of `voxels` that look from `from`; of which ones the side is `known`, and the `shadows` on its table.
+    /// Those of `voxels`, which are `faced` by some, that look from `from`; of which ones the side is `known`, and the `shadows` on its table.
     pub(super) fn new(
         voxels: &'a Voxels,
         looks: &'a Looks,
+        faced: &'a [Directions],
         from: Directions,
         known: &[bool],
         shadows: Shadows,
@@ -41,12 +41,10 @@ impl<'a> Sides<'a> {
         let rough = rough(voxels);
         let mute: Vec<bool> = known.iter().zip(&rough).map(|(known, rough)| *known || *rough).collect();
         let [sees, shows] = [&rough, &mute].map(|without| {
-            let mut counts = [0; LOOKS];
             let counted = looks.seen.iter().zip(without).filter(|(_, without)| !**without);
-            counted.flat_map(|(seen, _)| bits(seen & from)).for_each(|k| counts[k] += 1);
-            counts
+            Tally::of(counted.map(|(seen, _)| seen & from))
         });
-        Self { looks, normals: &voxels.cloud.normals, from, mute, sees, shows, shadows }
+        Self { looks, faced, from, mute, sees, shows, shadows }
     }
 
     /// The looks that are at one on the side of what they see, and whether others that see it from its other side could be as
@@ -74,23 +72,21 @@ impl<'a> Sides<'a> {
         self.shows[k] - self.shadows.bare[k]
     }
 
-    fn is_behind(&self, voxel: usize, k: usize) -> bool {
-        self.normals[voxel].dot(&self.looks.directions[k]) < 0.0
+    /// Which of the looks that see a voxel see it from its other side than look `k`.
+    fn otherwise(&self, voxel: usize, k: usize) -> Directions {
+        let faced = self.faced[voxel];
+        let of_other_side = if faced >> k & 1 == 0 { faced } else { !faced };
+        self.looks.seen[voxel] & self.from & of_other_side
     }
 
     /// The best of the looks that see the same as the first from its other side, if it is nearly as good, or if it is the best of all
     /// where what of the table was scanned and is hidden counts as well. A part that hangs beside a table throws no shadow on it;
     /// one far over it hides what other views saw: neither evidence is enough alone.
     fn rival(&self, first: usize) -> Option<usize> {
-        let (mut common, mut otherwise) = ([0i64; LOOKS], [0i64; LOOKS]);
-        for (i, seen) in self.looks.seen.iter().enumerate() {
-            if !self.mute[i] && seen >> first & 1 != 0 {
-                for k in bits(seen & self.from) {
-                    common[k] += 1;
-                    otherwise[k] += i64::from(self.is_behind(i, k) != self.is_behind(i, first));
-                }
-            }
-        }
+        let seen = &self.looks.seen;
+        let of_first = || (0..seen.len()).filter(|&i| !self.mute[i] && seen[i] >> first & 1 != 0);
+        let common = Tally::of(of_first().map(|i| seen[i] & self.from));
+        let otherwise = Tally::of(of_first().map(|i| self.otherwise(i, first)));
         let least = LEAST_COMMON * self.shows[first] as f32;
         let sees_it_from_behind = |k: &usize| common[*k] as f32 > least && 2 * otherwise[*k] > common[*k];
         let rivals = bits(self.from).filter(sees_it_from_behind);
@@ -108,14 +104,17 @@ impl<'a> Sides<'a> {
         let (mut new, mut against) = (self.shows, [0i64; LOOKS]);
         let mut next = Some(first);
         while let Some(best) = next {
+            let (mut seen_too, mut otherwise) = (Tally::default(), Tally::default());
             for (i, seen) in self.looks.seen.iter().enumerate() {
-                if seen >> best & 1 == 0 || std::mem::replace(&mut settled[i], true) {
-                    continue;
+                if seen >> best & 1 != 0 && !std::mem::replace(&mut settled[i], true) {
+                    seen_too.add(seen & self.from);
+                    otherwise.add(self.otherwise(i, best));
                 }
-                for k in bits(seen & self.from) {
-                    new[k] -= 1;
-                    against[k] += i64::from(self.is_behind(i, k) != self.is_behind(i, best));
-                }
+            }
+            let (seen_too, otherwise) = (seen_too.counts(), otherwise.counts());
+            for k in 0..LOOKS {
+                new[k] -= seen_too[k];
+                against[k] += otherwise[k];
             }
             let adds = bits(self.from).filter(|k| new[*k] > against[*k]);
             next = adds.max_by_key(|k| (new[*k] - against[*k] - self.shadows.bare[*k], Reverse(*k)));
@@ -127,18 +126,9 @@ impl<'a> Sides<'a> {
 
 /// Which voxels have normals that say nothing of their side: those of their neighbours turn another way.
 fn rough(voxels: &Voxels) -> Vec<bool> {
-    let (points, normals) = (&voxels.cloud.points_mm, &voxels.cloud.normals);
-    let reach_mm = STEADY_VOXELS * voxels.edge_mm;
-    let grid = Grid::new(points, reach_mm);
-    let is_rough = |i: usize| {
-        let (mut alike, mut count) = (0.0, 0.0);
-        grid.within(&points[i], reach_mm, |slot, _| {
-            alike += normals[i].dot(&normals[grid.index(slot)]).abs();
-            count += 1.0;
-        });
-        alike < STEADY_COSINE * count
-    };
-    (0..points.len()).into_par_iter().map(is_rough).collect()
+    let ones = vec![1.0; voxels.cloud.len()];
+    let sums = sums(voxels, STEADY_VOXELS, &ones, |alike, one| [alike.abs(), one]);
+    sums.into_iter().map(|[alike, count]| alike < STEADY_COSINE * count).collect()
 }
 
 /// Neighbours within so many voxels, and how alike theirs must be to a normal, as a mean cosine: 26 degrees.
