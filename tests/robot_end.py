@@ -387,8 +387,8 @@ class RobotEnd:
         match self.attack:
             case "old-session":
                 return changed(session=(actual.session - 1) & MASK)
-            case "future":
-                return changed(heard=(actual.heard + 9) & MASK)
+            case "future":  # so far ahead that it is still future where a busy machine delivers it late
+                return changed(heard=(actual.heard + 1000) & MASK)
             case "stale":
                 return self.history[-min(len(self.history), self.number + 1)]
             case "frozen-sequence":
