@@ -234,7 +234,7 @@ impl Summary {
         for (own, found) in self.seams.iter_mut().zip(&plan.seams) {
             let Some(joint) = stated.get(&own.id).filter(|joint| **joint != found.joint) else { continue };
             let reason = format!(
-                "{} as the job says; measured as what was found, {}: {}",
+                "{} as stated in the job; detected and measured as {}: {}",
                 joint.name(),
                 found.joint.name(),
                 found.reason

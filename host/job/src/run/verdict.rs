@@ -100,7 +100,7 @@ pub fn of_scan(scan: &Scan, job: &Job) -> Vec<Finding> {
         CloudFrame::Camera if job.dialects().is_empty() => None,
         CloudFrame::Camera => Some(Finding::new(
             ReasonId::CameraFrame,
-            "the coordinates are those of the camera: nothing says where the robot stands",
+            "the coordinates are in the camera's frame, and the robot's position in it is unknown",
         )),
         CloudFrame::Unknown => Some(Finding::new(
             ReasonId::FrameUnknown,
@@ -127,8 +127,8 @@ pub fn of_plan(plan: &Plan, job: &Job) -> Vec<Finding> {
     found.extend(plan.said.unmet.iter().map(|words| Finding::new(ReasonId::AskedNotThere, words.clone())));
     found.extend(plan.said.undrawn.iter().map(|words| Finding::new(ReasonId::DrawnNotThere, words.clone())));
     if plan.derived.orientation_assumed {
-        let words = "the cloud looks nearly alike from both sides, and one is assumed: see that the torch is on the side of the air, or \
-                     give --camera x,y,z, views with poses, or a cloud with normals";
+        let words = "the cloud looks nearly the same from both sides, so the open side is assumed: check that the torch is on it, or give \
+                     --camera x,y,z, views with poses, or a cloud with normals";
         found.push(Finding::new(ReasonId::SideAssumed, words));
     }
     found.extend(of_base_frame(plan));
@@ -214,7 +214,7 @@ fn of_views(views: &[ViewReport], hand_eye: Option<&HandEyeError>) -> Vec<Findin
         && misfits as f64 >= MISFITS_SHARE * views.len() as f64
     {
         let words = format!(
-            "{misfits} of {} views {} not fit the others ({}): the poses are not those of the images",
+            "{misfits} of {} views {} not fit the others ({}): the poses do not belong to the images",
             views.len(),
             if misfits == 1 { "does" } else { "do" },
             names()
@@ -237,8 +237,8 @@ fn of_views(views: &[ViewReport], hand_eye: Option<&HandEyeError>) -> Vec<Findin
 
 fn hand_eye_wrong(error: &HandEyeError) -> Finding {
     let words = format!(
-        "the views agree best if the camera is {:.0} mm and {:.0} deg from where the hand-eye transform puts it: is it a TCP's \
-         pose that is given as the flange's, or another camera's transform?",
+        "the views agree best if the camera is {:.0} mm and {:.0} deg from where the hand-eye transform puts it: are TCP \
+         poses given as flange poses, or is it another camera's transform?",
         error.shift_mm, error.turn_deg
     );
     let values = [("shift_mm", error.shift_mm), ("turn_deg", error.turn_deg)];
@@ -307,7 +307,8 @@ fn of_seams(plan: &Plan) -> Vec<Finding> {
     };
     found.extend(plan.seams.iter().filter_map(contact));
     let drawn = |seam: &Seam| {
-        let words = "it is drawn by hand: nothing that was measured says that there is a seam. See that the line is where it is meant";
+        let words =
+            "it was drawn by hand, and no measurement supports it: check that the line is where it should be";
         Finding::of_seam(ReasonId::Drawn, seam.id, words)
     };
     found.extend(plan.seams.iter().filter(|seam| seam.drawn).map(drawn));
@@ -330,7 +331,7 @@ fn of_base_frame(plan: &Plan) -> Option<Finding> {
                 "; the reported poses scatter by {:.1} mm and {:.2} deg, more than stated of the robot",
                 cell.robot_mm, cell.robot_deg
             ),
-            None => "; one view shows nothing of what the camera itself errs".into(),
+            None => "; a single view cannot show the camera's own error".into(),
             Some(_) => String::new(),
         };
         format!(
@@ -356,8 +357,8 @@ fn of_scatter(plan: &Plan, job: &Job) -> Option<Finding> {
     let [stated, assumed] = [&job.scan, &Job::default().scan].map(|scan| (scan.robot_mm, scan.robot_deg));
     let cell = plan.derived.base_frame.as_ref().filter(|cell| stated != assumed && cell.is_scattered())?;
     let words = format!(
-        "the views fit each other if their poses are moved by {:.2} mm and {:.2} deg, {:.1} and {:.1} times what [scan] states of the \
-         robot: its errors, or a mistake in hand-eye transform, tool or depth scale that the stated errors do not hold",
+        "the views fit each other only if their poses are moved by {:.2} mm and {:.2} deg, {:.1} and {:.1} times the robot accuracy \
+         stated in [scan]: either that is too optimistic, or hand-eye transform, tool or depth scale is wrong by more than stated",
         cell.robot_mm, cell.robot_deg, cell.scale_mm, cell.scale_deg
     );
     let values = [("of_stated_mm", cell.scale_mm), ("of_stated_deg", cell.scale_deg)];
@@ -444,8 +445,7 @@ pub(crate) fn of_arm(job: &Job) -> Vec<Finding> {
     let others = |dialect: &&Dialect| own.is_some() && dialect.maker() != own;
     if let Some(other) = programs.iter().find(others) {
         let words = format!(
-            "a program for {} is written, and {} is another maker's: leave --robot and formats out, or name the arm that \
-             is there",
+            "the program is for {}, but {} is from another maker: omit --robot and formats, or name the actual arm",
             other.maker().map(Maker::name).unwrap_or_default(),
             arm.name
         );

@@ -221,7 +221,7 @@ impl RobotSettings {
         let Some(counting) = arm.counting else {
             return Some((
                 "home_deg",
-                "joints = \"controller\" has to say that the joints of opw count so".into(),
+                "state joints = \"controller\", if the joint angles of opw are those that the controller shows".into(),
             ));
         };
         let home_rad = counting.from_shown_rad(&home_deg);
