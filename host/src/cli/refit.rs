@@ -99,8 +99,7 @@ fn hold_frame(frame: PathFrame, job: &Job) -> Result<(), Failure> {
     {
         return Ok(());
     }
-    let message =
-        "the new scan is in the camera's frame: nothing says where the robot stands, no program is written";
+    let message = "the new scan is in the camera's frame, and the robot's position in it is unknown: no program is written";
     Err(Failure::new(Exit::Refused, message).hint("give a scan.json with poses"))
 }
 
