@@ -367,7 +367,7 @@ fn a_stop_at_any_time_puts_the_arc_out_for_good() {
         stops(&script, watched).unwrap();
         let unseen = if watched { "do not resume there" } else { "do not resume during a weld" };
         assert!(
-            script.contains("An output that comes back") && script.contains(unseen),
+            script.contains("An output that switches on again") && script.contains(unseen),
             "what is not seen is said"
         );
         assert_eq!(script.contains("Loss of the arc is not seen"), !watched);

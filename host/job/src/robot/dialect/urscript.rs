@@ -93,12 +93,12 @@ impl Script {
             setup.arc_remark().into(),
         ];
         own.push(if setup.arc.established_input.is_none() {
-            "An output that comes back when a paused program goes on would strike the arc, unseen without that \
-             input: do not resume during a weld, stop the program."
+            "An output that switches on again when a paused program resumes would strike the arc, unseen \
+             without that input: do not resume during a weld, stop the program."
                 .into()
         } else {
-            "An output that comes back when a paused program goes on would go on with a strike that was \
-             interrupted: do not resume there, stop the program."
+            "An output that switches on again when a paused program resumes would continue an interrupted \
+             strike: do not resume there, stop the program."
                 .into()
         });
         own.extend(setup.frame.remark(&pose(&setup.frame.robot_from_frame)));
