@@ -104,7 +104,8 @@ pub fn of_scan(scan: &Scan, job: &Job) -> Vec<Finding> {
         )),
         CloudFrame::Unknown => Some(Finding::new(
             ReasonId::FrameUnknown,
-            "nothing says that the coordinates are those of the robot's base: a mesh, or a cloud merged elsewhere",
+            "it is unknown whether the coordinates are in the robot's base frame: the input is a mesh, or a \
+             cloud merged elsewhere",
         )),
     });
     found
@@ -151,8 +152,8 @@ pub(crate) fn many_seams(welded: &[SeamPath]) -> Option<Finding> {
     let half_mm = median(&mut lengths_mm);
     let cause = match half_mm {
         short if short < SHORT_MM => {
-            "so short, they may be noise that passes for corners: see the unit, and whether a measured mesh is taken as drawn \
-             (--as scan)"
+            "so short that they may be noise rather than corners: check the unit, and whether a scanned mesh \
+             is taken as CAD (--as scan)"
         }
         _ => "see that the input is one part and not a whole assembly",
     };
@@ -178,7 +179,8 @@ pub(crate) fn inside_unnamed(plan: &Plan, job: &Job) -> BTreeSet<usize> {
 /// A seam that would be welded if the torch got there.
 pub(crate) fn left_inside(path: &SeamPath) -> Finding {
     let words = format!(
-        "{:.0} mm, inside: the torch fits there at no work angle. It is not welded; --seam {} or a [[seam]] welds it all the same",
+        "{:.0} mm, inside: the torch does not fit there at any work angle. It is not welded; --seam {} or a \
+         [[seam]] welds it anyway",
         path.length_mm(),
         path.seam
     );
@@ -207,7 +209,7 @@ fn of_views(views: &[ViewReport], hand_eye: Option<&HandEyeError>) -> Vec<Findin
     };
     if views.len() > 1 && fitting < 2 {
         let words =
-            format!("of {} views no two agree: check poses, hand-eye transform and depth scale", views.len());
+            format!("no two of {} views agree: check poses, hand-eye transform and depth scale", views.len());
         found.push(Finding::new(ReasonId::ViewsDisagree, words).with(&[("views", views.len() as f64)]));
     } else if misfits > 0
         && (misfits > 1 || fitting < LEAST_FITTING)
@@ -328,7 +330,8 @@ fn of_base_frame(plan: &Plan) -> Option<Finding> {
     let words = || {
         let more = match cell {
             Some(cell) if cell.is_scattered() => format!(
-                "; the reported poses scatter by {:.1} mm and {:.2} deg, more than stated of the robot",
+                "; the reported poses scatter by {:.1} mm and {:.2} deg, more than the stated accuracy of \
+                 the robot",
                 cell.robot_mm, cell.robot_deg
             ),
             None => "; a single view cannot show the camera's own error".into(),
@@ -379,8 +382,10 @@ fn beyond_scan(plan: &Plan) -> Vec<Finding> {
         seam.length_mm() > MOST_WINDINGS * wide_mm || seam.stations.iter().any(|s| outside(&s.position_mm))
     };
     let finding = |seam: &Seam| {
-        let words =
-            format!("it is {:.0} mm long in a scan of {wide_mm:.0} mm, or leaves it", seam.length_mm());
+        let words = format!(
+            "it is {:.0} mm long in a scan of {wide_mm:.0} mm, or extends beyond the scan",
+            seam.length_mm()
+        );
         let values = [("length_mm", seam.length_mm()), ("scan_mm", wide_mm)];
         Finding::of_seam(ReasonId::BeyondScan, seam.id, words).with(&values)
     };
@@ -452,8 +457,8 @@ pub(crate) fn of_arm(job: &Job) -> Vec<Finding> {
         found.push(Finding::new(ReasonId::DialectAndArmDiffer, words));
     }
     if robot.home_deg.is_none() && !programs.is_empty() {
-        let words = "the way by joints to the first waypoint is not checked, since nothing says where the arm stands: give \
-                     [robot] home_deg, or watch it";
+        let words = "the joint move to the first waypoint is not checked, because it is unknown where the \
+                     arm starts: give [robot] home_deg, or watch that move";
         found.push(Finding::new(ReasonId::FirstMoveUnchecked, words));
     }
     found
@@ -464,9 +469,10 @@ pub(crate) fn limits(report: &Report) -> Vec<String> {
     let Some(arm) = &report.robot else { return Vec::new() };
     let floor = match report.floor_mm {
         Some(floor_mm) => format!("a floor at z = {floor_mm:.0} mm"),
-        None => "no floor, as the job says".into(),
+        None => "no floor, as stated in the job".into(),
     };
     vec![format!(
-        "links of {arm} checked against what was scanned and {floor} only: what no view saw is not known to be free"
+        "the links of {arm} are checked only against what was scanned and {floor}: space that no view saw \
+         may not be free"
     )]
 }
