@@ -107,7 +107,7 @@ fn hold_frame(frame: PathFrame, job: &Job) -> Result<(), Failure> {
 fn refitted(saved: &Path) -> String {
     let folder =
         saved.file_name().map_or_else(|| saved.display().to_string(), |name| name.to_string_lossy().into());
-    format!("refitted from {folder}: what its summary.json says of the seams holds")
+    format!("refitted from {folder}: its summary.json still describes the seams")
 }
 
 struct Saved {
