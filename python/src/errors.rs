@@ -15,7 +15,7 @@ use weldpath::{Error, Withheld};
 
 create_exception!(weldpath, WeldpathError, PyException, "What weldpath cannot do, in words.");
 create_exception!(weldpath, InputError, WeldpathError, "The scan cannot be read or understood.");
-create_exception!(weldpath, JobError, WeldpathError, "A setting that there is not, or that cannot be.");
+create_exception!(weldpath, JobError, WeldpathError, "An unknown setting, or an impossible value.");
 create_exception!(
     weldpath,
     NoSeam,

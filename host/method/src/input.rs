@@ -471,7 +471,8 @@ fn single(mut raw: Raw, path: &Path, options: &Options) -> Result<Scan, Error> {
     };
     if let Some(why) = doubt {
         let words = format!(
-            "are the coordinates those of the camera, not of the robot's base? {why}: say --frame camera, or --frame base"
+            "are the coordinates in the camera's frame, not in the robot's base frame? {why}: say --frame \
+             camera, or --frame base"
         );
         doubts.push(Doubt { kind: DoubtKind::Frame, words });
     }

@@ -80,7 +80,7 @@ fn check(views: &[View]) -> Result<(), PlanError> {
         return wrong(0, "there is none".into());
     }
     if views.len() > usize::from(u16::MAX) {
-        return wrong(views.len(), format!("{} views are at most planned with", u16::MAX));
+        return wrong(views.len(), format!("a plan can use at most {} views", u16::MAX));
     }
     for (k, view) in views.iter().enumerate() {
         let View { points_mm, normals, base_from_camera: pose, .. } = view;

@@ -109,12 +109,12 @@ impl Contact {
     pub const fn words(self) -> &'static str {
         match self {
             Self::Held => {
-                "it may be where the work is held, or of what holds it: the faces on both sides of the work look at each other and \
-                 nothing else ties them to it"
+                "it may be a contact with the fixture: the faces on both sides of the work face each other, and nothing else connects \
+                 them to it"
             }
             Self::Table => {
-                "it may be where the work rests on the table: one of its faces reaches farther all round than what stands on it, or \
-                 out of the picture under what lies on it, and nothing near is seen below"
+                "it may be where the work rests on the table: one of its faces extends beyond the other part on all sides, or out of \
+                 the picture below it, and nothing was seen close below"
             }
         }
     }

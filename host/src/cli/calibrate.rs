@@ -16,8 +16,8 @@ use super::{Exit, Failure, print};
 
 /// Find the hand-eye transform and the camera's errors from scans of a cell
 ///
-/// SCAN is a folder with scan.json; the work may be anything with faces in three directions. Several scans tell more than one,
-/// most of all from other distances and with the camera turned about its own axis. What they do not constrain is named.
+/// SCAN is a folder with scan.json; the work may be anything with faces in three directions. Several scans are better than one,
+/// above all from different distances and with the camera turned about its own axis. What they do not constrain is listed.
 /// `weldpath plan --calibration` uses the file.
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
@@ -91,8 +91,8 @@ fn one(
     let options = input::Options { allow_outside: args.allow_outside, ..input::Options::default() };
     let scan = input::read(path, &options).map_err(|error| Failure::new(Exit::Input, error))?;
     let named = |why: &dyn std::fmt::Display| Failure::new(Exit::Input, format!("{}: {why}", path.display()));
-    let hint = "calibrate from scans of a folder with scan.json, three views and more that see the same faces from \
-                directions that differ; docs/scan.md says how";
+    let hint = "calibrate from folders with scan.json, each with at least three views that see the same \
+                faces from different directions; docs/scan.md says how";
     if scan.frame != CloudFrame::Base {
         return Err(named(&calibration::Error::NoPoses).hint(hint));
     }
@@ -151,7 +151,7 @@ fn words(found: &Calibration, cell: CellAccuracy) -> String {
     let mut remedies: Vec<&str> = loose.iter().map(|loose| loose.remedy()).collect();
     remedies.dedup();
     for remedy in remedies {
-        let _ = writeln!(text, "warning: the scans hardly tell {remedy}");
+        let _ = writeln!(text, "warning: the scans hardly constrain {remedy}");
     }
     text
 }

@@ -335,14 +335,14 @@ fn exclusive(job: &Job) -> Result<(), Failure> {
     if !job.asks.is_empty() && job.method == Method::Paper {
         let failure = Failure::new(
             Exit::Usage,
-            "the paper's method fits no faces, and can look for no seam that is asked for",
+            "the paper's method fits no faces, so it cannot search for a requested seam",
         );
         return Err(failure.hint("leave --method paper out, or --ask and [[ask]]"));
     }
     if !job.draws.is_empty() && job.method == Method::Paper {
         let failure = Failure::new(
             Exit::Usage,
-            "the paper's method fits no faces, and can lay no drawn line onto them",
+            "the paper's method fits no faces, so it cannot fit a drawn line to them",
         );
         return Err(failure.hint("leave --method paper out, or --draw and [[draw]]"));
     }

@@ -99,8 +99,7 @@ fn hold_frame(frame: PathFrame, job: &Job) -> Result<(), Failure> {
     {
         return Ok(());
     }
-    let message =
-        "the new scan is in the camera's frame: nothing says where the robot stands, no program is written";
+    let message = "the new scan is in the camera's frame, and the robot's position in it is unknown: no program is written";
     Err(Failure::new(Exit::Refused, message).hint("give a scan.json with poses"))
 }
 
@@ -108,7 +107,7 @@ fn hold_frame(frame: PathFrame, job: &Job) -> Result<(), Failure> {
 fn refitted(saved: &Path) -> String {
     let folder =
         saved.file_name().map_or_else(|| saved.display().to_string(), |name| name.to_string_lossy().into());
-    format!("refitted from {folder}: what its summary.json says of the seams holds")
+    format!("refitted from {folder}: its summary.json still describes the seams")
 }
 
 struct Saved {

@@ -239,9 +239,9 @@ fn taken_off(link: &Link, failure: Failure) -> Failure {
         }
     }
     let Some(cause) = newest else { return failure };
-    let message = format!("the robot was taken out of the hands: {}", cause_words(cause));
+    let message = format!("hand guiding was stopped because of the robot: {}", cause_words(cause));
     Failure { message, ..failure }
-        .hint("see to the robot, let the enabling switch go, and scan again; nothing was written")
+        .hint("check the robot, release the enabling switch, and scan again; nothing was written")
 }
 
 fn unplayed(error: teleop::Error<link::Error>) -> Failure {

@@ -180,7 +180,7 @@ fn same_tool(link: &Link, tool: Option<WirePose>) -> Result<(), Failure> {
         return Err(Failure::new(Exit::Input, why)
             .hint("give the [tool] with which it was loaded, or start anew with --from-mm"));
     }
-    Err(Failure::new(Exit::Pendant, "the pendant says nothing of its tool"))
+    Err(Failure::new(Exit::Pendant, "the pendant does not report its tool"))
 }
 
 /// The job's times, if there is a job; else the pendant's usual ones.
@@ -215,7 +215,7 @@ fn way_to(link: &Link, planned: &[Waypoint]) -> Result<Option<Vec<Waypoint>>, Fa
         let (Some(pose), true, Some(first)) = (told, known, planned.first()) else { continue };
         if pose.distance_um(&WirePose::IDENTITY) > limits.reach_um as f32 {
             let why = "the pendant says that the torch is farther from the base than its own reach";
-            return Err(Failure::new(Exit::Unfinished, why).hint("see to the robot's pose and the tool"));
+            return Err(Failure::new(Exit::Unfinished, why).hint("check the robot's pose and the tool"));
         }
         let [w, i, j, k] = pose.orientation_q15.map(f64::from);
         let rotation = UnitQuaternion::new_normalize(Quaternion::new(w, i, j, k));
@@ -354,7 +354,7 @@ impl<'a> Weld<'a> {
                 Some(b'\n' | b'\r' | b'r') => entered = true,
                 Some(b's' | CTRL_C) => {
                     self.ask(Command::Abort { path: self.path })?;
-                    return Err(Failure::new(Exit::Unfinished, "ended; the rest is --from-mm's"));
+                    return Err(Failure::new(Exit::Unfinished, "ended; weld the rest with --from-mm"));
                 }
                 _ => {}
             }
@@ -493,8 +493,8 @@ impl<'a> Weld<'a> {
         let took_s = self.started.map(|started| started.elapsed().as_secs_f64());
         let Some(took_s) = took_s.filter(|took_s| *took_s < least_s) else { return Ok(()) };
         let why = format!(
-            "the pendant says after {took_s:.1} s that the path is finished, whose moves alone take {:.1} s: \
-             it was not played",
+            "the pendant reports after {took_s:.1} s that the path is finished, but its moves alone take \
+             {:.1} s: it was not executed",
             self.upload.time_s()
         );
         Err(Failure::new(Exit::Unfinished, why)

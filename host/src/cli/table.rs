@@ -267,7 +267,7 @@ mod tests {
             let output = postprocess(&plan(), &job, Source::default()).unwrap();
             let text = result(&plan(), &output, &Source::default(), Path::new("out"), false);
             assert_eq!(
-                text.contains("\nseam 1: welded downhill (PG), as the job says no direction"),
+                text.contains("\nseam 1: welded downhill (PG), because the job states no direction"),
                 said,
                 "{text}"
             );

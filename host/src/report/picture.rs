@@ -158,7 +158,7 @@ fn view(run: &Run, colours: &[[f32; 3]], name: &str, projection: &Projection) ->
 
 /// What the pose of what is shown is assumed to be, by the reason of the verdict that asks about it.
 const ASSUMED: [(ReasonId, &str); 3] = [
-    (ReasonId::SideAssumed, "side assumed: see that the torch is on the side of the air"),
+    (ReasonId::SideAssumed, "side assumed: check that the torch is on the open side"),
     (ReasonId::FrameUnknown, "pose assumed: as if it were in the robot's base frame"),
     (ReasonId::CameraFrame, "pose unknown: all is in the camera's frame"),
 ];

@@ -127,7 +127,7 @@ def plan(
         of one cloud, and takes views as metres; each guess is a warning.
     base_from_camera
         Pose of the camera that took an array of points, 4 x 4. Without one the points are in the frame of the robot's base if
-        `frame` says so, else in their camera's or nobody knows whose: the verdict says it.
+        `frame` says so, else in their camera's or in an unknown one: the verdict says which.
     flange_from_camera, flange_from_tcp
         Hand-eye transform and TCP, for views with poses of the flange or the tool.
     normals

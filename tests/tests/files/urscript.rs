@@ -97,7 +97,7 @@ fn blends(moves: &[&Move], waypoints: &[Waypoint]) -> Result<(), String> {
     Ok(())
 }
 
-/// Amid a weld the torch stands where the plan says, as long as it says, and nowhere else; at its ends at least so long.
+/// During a weld the torch stands where the plan says, as long as it says, and nowhere else; at its ends at least so long.
 fn dwells(events: &[Event], waypoints: &[Waypoint]) -> Result<(), String> {
     let after_moves = events.split(|event| a_move(event).is_some()).skip(1);
     for (i, (after, waypoint)) in after_moves.zip(waypoints).enumerate() {
@@ -365,9 +365,9 @@ fn a_stop_at_any_time_puts_the_arc_out_for_good() {
     for watched in [true, false] {
         let (script, _) = short(watched);
         stops(&script, watched).unwrap();
-        let unseen = if watched { "do not resume there" } else { "do not resume amid a weld" };
+        let unseen = if watched { "do not resume there" } else { "do not resume during a weld" };
         assert!(
-            script.contains("An output that comes back") && script.contains(unseen),
+            script.contains("An output that switches on again") && script.contains(unseen),
             "what is not seen is said"
         );
         assert_eq!(script.contains("Loss of the arc is not seen"), !watched);

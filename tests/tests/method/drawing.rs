@@ -175,7 +175,7 @@ fn what_the_scan_does_not_bear_is_refused_with_its_place_and_nothing_else_change
     let whys = [
         "nothing was scanned within",
         "nothing was scanned within 15.0 mm of",
-        "is where the torch's tip would be",
+        "where the torch's tip would be",
     ];
     for (undrawn, why) in planned.said.undrawn.iter().zip(whys) {
         assert!(undrawn.starts_with("no seam is drawn between ") && undrawn.contains(why), "{undrawn}");

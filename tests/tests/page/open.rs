@@ -477,7 +477,7 @@ fn a_corrected_joint_type_is_welded_as_that_type_is_and_bound_to_its_place() {
     let seam = &summary["seams"][0];
     assert_eq!(seam["joint"], "lap");
     let reason = seam["reason"].as_str().unwrap();
-    assert!(reason.starts_with("lap as the job says; measured as what was found, fillet: "), "{reason}");
+    assert!(reason.starts_with("lap as stated in the job; detected and measured as fillet: "), "{reason}");
     let job = std::fs::read_to_string(open.out().join("job.toml")).unwrap();
     assert!(job.contains("near_mm") && job.contains("joint = \"lap\"") && !job.contains("\nid ="), "{job}");
     ends_well(

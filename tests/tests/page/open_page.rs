@@ -598,7 +598,7 @@ fn a_seam_is_drawn_on_the_plate_and_the_command_makes_the_same_of_it() {
     assert_eq!(page.order().len(), seams + 1, "{}", page.text("#verdict"));
     page.picture("drawn");
     let verdict = page.text("#verdict");
-    assert!(verdict.contains("is drawn by hand"), "{verdict}");
+    assert!(verdict.contains("was drawn by hand"), "{verdict}");
     let confirmed = "document.querySelector('#verdict [data-reason=\"drawn\"]')";
     assert_eq!(page.browser.evaluate(confirmed), Value::Null, "nobody confirms it beforehand");
     page.set("path.feed_mm_s", "4");

@@ -151,7 +151,7 @@ fn an_assumed_side_is_written_in_the_picture_and_no_other_plan_says_so() {
     let mut assumed = plan(3000);
     assumed.derived.orientation_assumed = true;
     let [page, picture] = report(&assumed, "");
-    let note = "side assumed: see that the torch is on the side of the air";
+    let note = "side assumed: check that the torch is on the open side";
     assert_eq!((picture.matches(note).count(), SMALL[1].matches(note).count()), (4, 0), "once in each view");
     let Some(chromium) = browser::chromium() else { return };
     for (page, notes) in [(&page, vec![note]), (&SMALL[0], Vec::new())] {

@@ -24,7 +24,8 @@ use weldpath_method::weld::position::{Position, positions};
 pub const VERSION: u32 = 1;
 
 /// Note of a seam whose direction was free.
-const DOWNHILL: &str = "welded downhill (PG), as the job says no direction: direction = \"up\" in [path], or for this seam alone, welds it uphill";
+const DOWNHILL: &str = "welded downhill (PG), because the job states no direction: direction = \"up\" in \
+                        [path], or for this seam alone, welds it uphill";
 
 /// The whole file.
 #[derive(Debug, Serialize)]
@@ -234,7 +235,7 @@ impl Summary {
         for (own, found) in self.seams.iter_mut().zip(&plan.seams) {
             let Some(joint) = stated.get(&own.id).filter(|joint| **joint != found.joint) else { continue };
             let reason = format!(
-                "{} as the job says; measured as what was found, {}: {}",
+                "{} as stated in the job; detected and measured as {}: {}",
                 joint.name(),
                 found.joint.name(),
                 found.reason

@@ -72,7 +72,7 @@ impl ReasonId {
 reasons! {
     /// Fewer than two views agree.
     ViewsDisagree => "views-disagree", Refused;
-    /// So many views do not fit that the poses are not those of the images.
+    /// So many views do not fit that the poses cannot belong to the images.
     PosesDoNotBelong => "poses-do-not-belong", Refused;
     /// The views show that the camera is not where the hand-eye transform puts it.
     HandEyeWrong => "hand-eye-wrong", Refused;
@@ -102,17 +102,17 @@ reasons! {
     ViewLeftOut => "view-left-out", Check;
     /// A view could not be registered.
     ViewUnregistered => "view-unregistered", Check;
-    /// The views fit each other only with their poses moved by more than the job states of the robot.
+    /// The views fit each other only with their poses moved by more than the stated accuracy of the robot.
     PosesScatter => "poses-scatter", Check;
     /// The views turn too little to show an error of the hand-eye transform, or a tool in place of the flange.
     HandEyeUntested => "hand-eye-untested", Check;
-    /// Nothing says where the robot's base is: a mesh, or a cloud merged elsewhere.
+    /// It is unknown where the robot's base is: a mesh, or a cloud merged elsewhere.
     FrameUnknown => "frame-unknown", Check;
-    /// Nothing tells whether a mesh was drawn or scanned; it is taken as a scan.
+    /// It is unclear whether a mesh was drawn or scanned; it is taken as a scan.
     CadOrScan => "cad-or-scan", Check;
-    /// Nothing tells which side of the faces is air; the one seen from above is taken.
+    /// It is unclear which side of the faces is air; the one seen from above is taken.
     SideAssumed => "side-assumed", Check;
-    /// A seam to which the torch does not get; it is not welded.
+    /// A seam that the torch cannot reach; it is not welded.
     LeftOut => "left-out", Check;
     /// More seams are welded than a part has.
     ManySeams => "many-seams", Check;
@@ -120,9 +120,9 @@ reasons! {
     ToolNotStated => "tool-not-stated", Check;
     /// A seam that was asked for is not there.
     AskedNotThere => "asked-not-there", Check;
-    /// A line that was drawn is not borne by the scan.
+    /// A line that was drawn is not supported by the scan.
     DrawnNotThere => "drawn-not-there", Check;
-    /// A seam that a person drew: nothing measured says that there is one.
+    /// A seam that a person drew: no measurement supports it.
     Drawn => "drawn", Check;
     /// A seam whose error is over the limit; it is not welded.
     SeamUncertain => "seam-uncertain", Check;
@@ -132,9 +132,9 @@ reasons! {
     BaseErrorOverLimit => "base-error-over-limit", Check;
     /// The torch would touch what was scanned.
     TorchCollision => "torch-collision", Check;
-    /// The arm stands as nobody would have it stand, since no other way of standing is free.
+    /// The arm is in an unusual posture, because no other posture is free.
     OddPosture => "odd-posture", Check;
-    /// Nothing is known of the way by joints to the first waypoint.
+    /// The joint move to the first waypoint is unknown.
     FirstMoveUnchecked => "first-move-unchecked", Check;
     /// A program is written for another maker's controller than the arm's.
     DialectAndArmDiffer => "dialect-and-arm-differ", Check;

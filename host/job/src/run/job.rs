@@ -60,16 +60,16 @@ pub struct Job {
     pub input: Option<PathBuf>,
     /// Unit of the input.
     pub units: Units,
-    /// Of depth images that come without: fx, fy, cx, cy in pixels, then k1, k2, p1, p2, k3.
+    /// Intrinsics of depth images that come without: fx, fy, cx, cy in pixels, then k1, k2, p1, p2, k3.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub intrinsics: Option<Intrinsics>,
-    /// Of the same images, metres per count; 0.001 if not given.
+    /// Metres per count of the same images; 0.001 if not given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub depth_scale_m: Option<DepthScaleM>,
-    /// Where the camera stood that took a cloud which does not tell: x, y, z in mm, in the cloud's own frame.
+    /// Camera position of a cloud that stores none: x, y, z in mm, in the cloud's own frame.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub camera_mm: Option<CameraPosition>,
-    /// Whose frame the coordinates of a cloud are in that does not tell.
+    /// Frame of a cloud's coordinates, if its file does not state it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub frame: Option<StatedFrame>,
     /// Whether a file with faces is exact CAD or a scan, where its data do not say it.
@@ -87,13 +87,13 @@ pub struct Job {
     pub accept: Vec<ReasonId>,
     /// How exact the robot's poses and the hand-eye transform are.
     pub scan: ScanSettings,
-    /// What is scanned and is no work.
+    /// What is scanned but does not belong to the work.
     #[serde(skip_serializing_if = "ExcludeSettings::is_empty")]
     pub exclude: ExcludeSettings,
     /// Places that the robot's own tip touched.
     #[serde(rename = "touch", skip_serializing_if = "Vec::is_empty")]
     pub touches: Vec<TouchSettings>,
-    /// Seams that the search passed over.
+    /// Seams that the search missed.
     #[serde(rename = "ask", skip_serializing_if = "Vec::is_empty")]
     pub asks: Vec<AskSettings>,
     /// Lines that are drawn on the surface, where no seam can be found.

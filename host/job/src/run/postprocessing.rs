@@ -162,7 +162,7 @@ fn output(plan: &Plan, job: &Job, source: Source, stages: &mut Stages) -> Result
 fn order_warning(seams: usize, job: &Job) -> Option<String> {
     (job.order.sequence == Sequence::Shortest && seams > MOST_ORDERED).then(|| {
         format!(
-            "{seams} seams are welded in the order in which they were found: of more than {MOST_ORDERED} none is sought"
+            "{seams} seams are welded in the order in which they were found: the order is optimised only for up to {MOST_ORDERED}"
         )
     })
 }
@@ -363,7 +363,7 @@ fn passes(path: &SeamPath, weld: &Weld, method: Method, changes: &[(usize, Chang
 
 fn shortened_away(pass: &Pass) -> Option<String> {
     let text = format!(
-        "seam {}: shortened by more than its length, it is not welded; extend_start_mm and extend_end_mm say by how much",
+        "seam {} is not welded: extend_start_mm and extend_end_mm shorten it by more than its length",
         pass.path.seam
     );
     pass.path.points.is_empty().then_some(text)

@@ -80,8 +80,9 @@ pub enum Error {
     },
     /// The part is not where it is looked for.
     #[error(
-        "the part was not found in the new scan: at best {:.0} % of the saved model about its welds lies on it, and \
-         {:.0} % are needed. It is looked for within {RANGE_MM:.0} mm and {RANGE_DEG:.0} degrees of where it was",
+        "the part was not found in the new scan: at best {:.0} % of the saved model around its welds matches \
+         the scan, but {:.0} % is needed. It is searched within {RANGE_MM:.0} mm and {RANGE_DEG:.0} degrees \
+         of where it was",
         100.0 * found, 100.0 * LEAST_FOUND
     )]
     NotFound {
@@ -90,8 +91,8 @@ pub enum Error {
     },
     /// Several places fit, and none of them is where it was.
     #[error(
-        "the new scan does not show how far the part went in one direction: to {motion}, places {spread_mm:.0} mm apart \
-         fit alike. Scan the ends of the part too"
+        "the new scan does not show how far the part moved in one direction ({motion}): positions \
+         {spread_mm:.0} mm apart fit equally well. Scan the ends of the part too"
     )]
     Ambiguous {
         /// The motion, in words.

@@ -100,11 +100,12 @@ pub fn of_scan(scan: &Scan, job: &Job) -> Vec<Finding> {
         CloudFrame::Camera if job.dialects().is_empty() => None,
         CloudFrame::Camera => Some(Finding::new(
             ReasonId::CameraFrame,
-            "the coordinates are those of the camera: nothing says where the robot stands",
+            "the coordinates are in the camera's frame, and the robot's position in it is unknown",
         )),
         CloudFrame::Unknown => Some(Finding::new(
             ReasonId::FrameUnknown,
-            "nothing says that the coordinates are those of the robot's base: a mesh, or a cloud merged elsewhere",
+            "it is unknown whether the coordinates are in the robot's base frame: the input is a mesh, or a \
+             cloud merged elsewhere",
         )),
     });
     found
@@ -127,8 +128,8 @@ pub fn of_plan(plan: &Plan, job: &Job) -> Vec<Finding> {
     found.extend(plan.said.unmet.iter().map(|words| Finding::new(ReasonId::AskedNotThere, words.clone())));
     found.extend(plan.said.undrawn.iter().map(|words| Finding::new(ReasonId::DrawnNotThere, words.clone())));
     if plan.derived.orientation_assumed {
-        let words = "the cloud looks nearly alike from both sides, and one is assumed: see that the torch is on the side of the air, or \
-                     give --camera x,y,z, views with poses, or a cloud with normals";
+        let words = "the cloud looks nearly the same from both sides, so the open side is assumed: check that the torch is on it, or give \
+                     --camera x,y,z, views with poses, or a cloud with normals";
         found.push(Finding::new(ReasonId::SideAssumed, words));
     }
     found.extend(of_base_frame(plan));
@@ -151,8 +152,8 @@ pub(crate) fn many_seams(welded: &[SeamPath]) -> Option<Finding> {
     let half_mm = median(&mut lengths_mm);
     let cause = match half_mm {
         short if short < SHORT_MM => {
-            "so short, they may be noise that passes for corners: see the unit, and whether a measured mesh is taken as drawn \
-             (--as scan)"
+            "so short that they may be noise rather than corners: check the unit, and whether a scanned mesh \
+             is taken as CAD (--as scan)"
         }
         _ => "see that the input is one part and not a whole assembly",
     };
@@ -178,7 +179,8 @@ pub(crate) fn inside_unnamed(plan: &Plan, job: &Job) -> BTreeSet<usize> {
 /// A seam that would be welded if the torch got there.
 pub(crate) fn left_inside(path: &SeamPath) -> Finding {
     let words = format!(
-        "{:.0} mm, inside: the torch fits there at no work angle. It is not welded; --seam {} or a [[seam]] welds it all the same",
+        "{:.0} mm, inside: the torch does not fit there at any work angle. It is not welded; --seam {} or a \
+         [[seam]] welds it anyway",
         path.length_mm(),
         path.seam
     );
@@ -207,14 +209,14 @@ fn of_views(views: &[ViewReport], hand_eye: Option<&HandEyeError>) -> Vec<Findin
     };
     if views.len() > 1 && fitting < 2 {
         let words =
-            format!("of {} views no two agree: check poses, hand-eye transform and depth scale", views.len());
+            format!("no two of {} views agree: check poses, hand-eye transform and depth scale", views.len());
         found.push(Finding::new(ReasonId::ViewsDisagree, words).with(&[("views", views.len() as f64)]));
     } else if misfits > 0
         && (misfits > 1 || fitting < LEAST_FITTING)
         && misfits as f64 >= MISFITS_SHARE * views.len() as f64
     {
         let words = format!(
-            "{misfits} of {} views {} not fit the others ({}): the poses are not those of the images",
+            "{misfits} of {} views {} not fit the others ({}): the poses do not belong to the images",
             views.len(),
             if misfits == 1 { "does" } else { "do" },
             names()
@@ -237,8 +239,8 @@ fn of_views(views: &[ViewReport], hand_eye: Option<&HandEyeError>) -> Vec<Findin
 
 fn hand_eye_wrong(error: &HandEyeError) -> Finding {
     let words = format!(
-        "the views agree best if the camera is {:.0} mm and {:.0} deg from where the hand-eye transform puts it: is it a TCP's \
-         pose that is given as the flange's, or another camera's transform?",
+        "the views agree best if the camera is {:.0} mm and {:.0} deg from where the hand-eye transform puts it: are TCP \
+         poses given as flange poses, or is it another camera's transform?",
         error.shift_mm, error.turn_deg
     );
     let values = [("shift_mm", error.shift_mm), ("turn_deg", error.turn_deg)];
@@ -307,7 +309,8 @@ fn of_seams(plan: &Plan) -> Vec<Finding> {
     };
     found.extend(plan.seams.iter().filter_map(contact));
     let drawn = |seam: &Seam| {
-        let words = "it is drawn by hand: nothing that was measured says that there is a seam. See that the line is where it is meant";
+        let words =
+            "it was drawn by hand, and no measurement supports it: check that the line is where it should be";
         Finding::of_seam(ReasonId::Drawn, seam.id, words)
     };
     found.extend(plan.seams.iter().filter(|seam| seam.drawn).map(drawn));
@@ -327,10 +330,11 @@ fn of_base_frame(plan: &Plan) -> Option<Finding> {
     let words = || {
         let more = match cell {
             Some(cell) if cell.is_scattered() => format!(
-                "; the reported poses scatter by {:.1} mm and {:.2} deg, more than stated of the robot",
+                "; the reported poses scatter by {:.1} mm and {:.2} deg, more than the stated accuracy of \
+                 the robot",
                 cell.robot_mm, cell.robot_deg
             ),
-            None => "; one view shows nothing of what the camera itself errs".into(),
+            None => "; a single view cannot show the camera's own error".into(),
             Some(_) => String::new(),
         };
         format!(
@@ -356,8 +360,8 @@ fn of_scatter(plan: &Plan, job: &Job) -> Option<Finding> {
     let [stated, assumed] = [&job.scan, &Job::default().scan].map(|scan| (scan.robot_mm, scan.robot_deg));
     let cell = plan.derived.base_frame.as_ref().filter(|cell| stated != assumed && cell.is_scattered())?;
     let words = format!(
-        "the views fit each other if their poses are moved by {:.2} mm and {:.2} deg, {:.1} and {:.1} times what [scan] states of the \
-         robot: its errors, or a mistake in hand-eye transform, tool or depth scale that the stated errors do not hold",
+        "the views fit each other only if their poses are moved by {:.2} mm and {:.2} deg, {:.1} and {:.1} times the robot accuracy \
+         stated in [scan]: either that is too optimistic, or hand-eye transform, tool or depth scale is wrong by more than stated",
         cell.robot_mm, cell.robot_deg, cell.scale_mm, cell.scale_deg
     );
     let values = [("of_stated_mm", cell.scale_mm), ("of_stated_deg", cell.scale_deg)];
@@ -378,8 +382,10 @@ fn beyond_scan(plan: &Plan) -> Vec<Finding> {
         seam.length_mm() > MOST_WINDINGS * wide_mm || seam.stations.iter().any(|s| outside(&s.position_mm))
     };
     let finding = |seam: &Seam| {
-        let words =
-            format!("it is {:.0} mm long in a scan of {wide_mm:.0} mm, or leaves it", seam.length_mm());
+        let words = format!(
+            "it is {:.0} mm long in a scan of {wide_mm:.0} mm, or extends beyond the scan",
+            seam.length_mm()
+        );
         let values = [("length_mm", seam.length_mm()), ("scan_mm", wide_mm)];
         Finding::of_seam(ReasonId::BeyondScan, seam.id, words).with(&values)
     };
@@ -444,16 +450,15 @@ pub(crate) fn of_arm(job: &Job) -> Vec<Finding> {
     let others = |dialect: &&Dialect| own.is_some() && dialect.maker() != own;
     if let Some(other) = programs.iter().find(others) {
         let words = format!(
-            "a program for {} is written, and {} is another maker's: leave --robot and formats out, or name the arm that \
-             is there",
+            "the program is for {}, but {} is from another maker: omit --robot and formats, or name the actual arm",
             other.maker().map(Maker::name).unwrap_or_default(),
             arm.name
         );
         found.push(Finding::new(ReasonId::DialectAndArmDiffer, words));
     }
     if robot.home_deg.is_none() && !programs.is_empty() {
-        let words = "the way by joints to the first waypoint is not checked, since nothing says where the arm stands: give \
-                     [robot] home_deg, or watch it";
+        let words = "the joint move to the first waypoint is not checked, because it is unknown where the \
+                     arm starts: give [robot] home_deg, or watch that move";
         found.push(Finding::new(ReasonId::FirstMoveUnchecked, words));
     }
     found
@@ -464,9 +469,10 @@ pub(crate) fn limits(report: &Report) -> Vec<String> {
     let Some(arm) = &report.robot else { return Vec::new() };
     let floor = match report.floor_mm {
         Some(floor_mm) => format!("a floor at z = {floor_mm:.0} mm"),
-        None => "no floor, as the job says".into(),
+        None => "no floor, as stated in the job".into(),
     };
     vec![format!(
-        "links of {arm} checked against what was scanned and {floor} only: what no view saw is not known to be free"
+        "the links of {arm} are checked only against what was scanned and {floor}: space that no view saw \
+         may not be free"
     )]
 }

@@ -146,7 +146,7 @@ pub(super) fn read_single(bytes: &[u8], path: &Path, options: &Options) -> Resul
         return Err(Error::malformed(
             path,
             "PNG",
-            "a depth image says nothing of its camera's intrinsics",
+            "a depth image does not store its camera's intrinsics",
             help,
         ));
     };
@@ -176,8 +176,9 @@ pub(super) fn single(points_mm: Vec<Point3<f32>>, rays: &Rays, path: &Path) -> R
 pub(super) fn assumed_camera() -> String {
     let Camera { fx, cx, cy, depth_scale_m, .. } = PRIMESENSE;
     format!(
-        "no intrinsics are given: taken are those of a PrimeSense camera (f {fx}, c {cx} {cy}, {depth_scale_m} m per \
-         count); sizes are wrong if it was another, so give them with --intrinsics"
+        "no intrinsics are given: those of a PrimeSense camera are assumed (f {fx}, c {cx} {cy}, \
+         {depth_scale_m} m per count); sizes are wrong if it was another camera, so give them with \
+         --intrinsics"
     )
 }
 

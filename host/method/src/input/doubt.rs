@@ -18,9 +18,9 @@ impl CloudFrame {
     /// Whose coordinates they are.
     pub(super) const fn words(self) -> &'static str {
         match self {
-            Self::Base => "those of the robot's base",
-            Self::Camera => "those of its camera",
-            Self::Unknown => "nobody knows whose",
+            Self::Base => "in the robot's base frame",
+            Self::Camera => "in its camera's frame",
+            Self::Unknown => "in an unknown frame",
         }
     }
 }

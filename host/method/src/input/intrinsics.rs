@@ -30,7 +30,7 @@ pub(super) fn parse(value: &Value, size_px: [u32; 2], depth_scale_m: f64) -> Res
     } else if value.get("fx").is_some() {
         (size(value), numbers(value, ["fx", "fy"])?, numbers(value, ["cx", "cy"])?, azure_lens(value))
     } else {
-        return Err(("no camera is in it that is known here".into(), HELP));
+        return Err(("it holds no camera in a known form".into(), HELP));
     };
     let [width, height] = own.unwrap_or(size_px);
     Ok(Camera {
@@ -177,7 +177,7 @@ mod tests {
     #[test]
     fn what_is_not_understood_is_named() {
         for (value, part) in [
-            (json!({"a": 1}), "known here"),
+            (json!({"a": 1}), "known form"),
             (json!({"intrinsic_matrix": [1, 2]}), "nine numbers"),
             (json!({"fx": 500, "fy": "a", "cx": 1, "cy": 1}), "fy is missing"),
             (

@@ -278,7 +278,8 @@ fn unit(manifest: &Manifest, options: &Options, scan: &mut Scan) -> Unit {
             let words = match manifest.held.is_empty() {
                 true => "scan.json has no `units`: taken as metres; add \"units\": \"m\" or \"mm\"",
                 false => {
-                    "nothing says the unit of the views and their poses: taken as metres; say --units m or --units mm"
+                    "the unit of the views and their poses is not stated: taken as metres; say --units m or \
+                     --units mm"
                 }
             };
             scan.warnings.push(words.into());

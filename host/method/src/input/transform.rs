@@ -174,7 +174,7 @@ pub(super) fn of_file(file: &Path, mount: Mount) -> Result<Isometry3<f64>, Error
         (None, Some(Transform { translation: t, rotation: q })) => {
             from_quaternion([t.x, t.y, t.z], [q.x, q.y, q.z, q.w], Unit::Metre).map_err(fault)
         }
-        _ => Err(bad("no transform is in it that is known here".into(), HANDEYE)),
+        _ => Err(bad("it holds no transform in a known form".into(), HANDEYE)),
     }
 }
 

@@ -137,8 +137,8 @@ fn by_size(extent: &Extent, warnings: &mut Vec<String>) -> (Unit, String) {
     };
     if as_metres == as_mm {
         warnings.push(format!(
-            "the unit is a guess: an extent of {diagonal:.4} fits a workpiece neither well in metres nor well in \
-             millimetres; taken as {}, say --units m or --units mm to be sure",
+            "the unit is a guess: an extent of {diagonal:.4} is unusual for a workpiece, in metres and in \
+             millimetres; taken as {}; say --units m or --units mm to be sure",
             unit.name()
         ));
     }

@@ -106,15 +106,15 @@ impl Misfit {
                 "fits the other views only {shift_mm:.0} mm and {turn_deg:.1} deg from where the robot reported it"
             ),
             Self::Through { share } => {
-                format!("shows surfaces where other views look through ({:.0} % of it)", 100.0 * share)
+                format!("shows surfaces where other views see free space ({:.0} % of it)", 100.0 * share)
             }
             Self::StandingThrough { share } => format!(
-                "shows surfaces where other views look through ({:.0} % of what stands out of its largest plane)",
+                "shows surfaces where other views see free space ({:.0} % of what is outside its largest plane)",
                 100.0 * share
             ),
             Self::Apart { fitness } => {
                 format!(
-                    "lies on what other views see with only {:.0} % of what it shares with them",
+                    "matches the other views on only {:.0} % of the surface that it shares with them",
                     100.0 * fitness
                 )
             }

@@ -50,15 +50,15 @@ impl Orientation {
         let share = self.borne_out.filter(|share| *share <= ALL_AGREE)?;
         Some(if share > AGREES {
             format!(
-                "the normals in the file point into the material on {:.0} % of what is seen: there they were turned over",
+                "{:.0} % of the normals in the file point into the material: these were flipped",
                 100.0 * (1.0 - share)
             )
         } else if share < 1.0 - AGREES {
             "the normals in the file point into the material: they were turned over".into()
         } else {
             format!(
-                "the normals in the file face either side ({:.0} % face the air): their sides were found from what is seen from \
-                 round the part",
+                "the normals in the file point to both sides ({:.0} % to the air): their sides were determined by visibility from \
+                 around the part",
                 100.0 * share
             )
         })

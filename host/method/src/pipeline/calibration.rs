@@ -36,7 +36,7 @@ pub enum Error {
     #[error("its views have no camera poses in the robot's base frame")]
     NoPoses,
     /// Too few views, or too few that fit each other.
-    #[error("{fit} of its {views} views fit each other, and it takes {LEAST_VIEWS}")]
+    #[error("{fit} of its {views} views fit each other, but {LEAST_VIEWS} are needed")]
     TooFewViews {
         /// That fit each other.
         fit: usize,
@@ -44,16 +44,18 @@ pub enum Error {
         views: usize,
     },
     /// The views' surfaces say nothing of where they are against each other.
-    #[error("its views share too little to say anything")]
+    #[error("its views overlap too little for a calibration")]
     NoSurfaces,
     /// The hand-eye transform belongs to another camera or flange.
     #[error(
-        "the hand-eye transform in it is off by centimetres or several degrees: it is another camera's, or a tool's"
+        "the hand-eye transform in it is off by centimetres or several degrees: it belongs to another \
+         camera, or to a tool"
     )]
     BeyondRepair,
     /// The poses contradict what is stated of the robot.
     #[error(
-        "the poses in it scatter by {robot_mm:.1} mm and {robot_deg:.2} deg, more than twice what is stated of the robot"
+        "the poses in it scatter by {robot_mm:.1} mm and {robot_deg:.2} deg, more than twice the stated \
+         accuracy of the robot"
     )]
     Scattered {
         /// Each axis.
@@ -89,7 +91,8 @@ impl Loose {
                  the camera's own axis among them"
             }
             Self::DepthScale => {
-                "the depth scale: add views of the same faces from two distances, one half as far again as the other"
+                "the depth scale: add views of the same faces from two distances, one of them 1.5 times the \
+                 other"
             }
             Self::Focal => {
                 "the focal length: add views that see the same faces at the image's edges and in its middle"

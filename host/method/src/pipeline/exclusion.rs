@@ -152,7 +152,7 @@ impl Scene {
             String::new()
         };
         (!self.exclusion.is_empty())
-            .then(|| format!("of {all} points {named} are in what [exclude] names{on_background}"))
+            .then(|| format!("[exclude] covers {named} of {all} points{on_background}"))
     }
 
     /// What the user should know.

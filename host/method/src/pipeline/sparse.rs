@@ -17,8 +17,9 @@ pub(super) fn words(work: &Grid) -> Option<String> {
     let spacing_mm = spacing_mm(work)?;
     (ROWS * spacing_mm > NARROW_MM).then(|| {
         format!(
-            "the points lie {spacing_mm:.1} mm apart, and a face beside a seam has to show {ROWS:.0} rows of them: one \
-             narrower than {:.0} mm does not show, a wider one only where the points lie evenly; for faces of {NARROW_MM:.0} mm scan with points at most {:.0} mm apart",
+            "the points are {spacing_mm:.1} mm apart, and a face beside a seam needs {ROWS:.0} rows of them: \
+             a face narrower than {:.0} mm is not found, a wider one only where the points are evenly \
+             spaced; for faces of {NARROW_MM:.0} mm scan with points at most {:.0} mm apart",
             ROWS * spacing_mm,
             NARROW_MM / ROWS
         )

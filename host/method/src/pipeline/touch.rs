@@ -79,9 +79,7 @@ pub enum Error {
         other_mm: f64,
     },
     /// Farther from its seam than robot, hand-eye transform and camera explain.
-    #[error(
-        "touch {number} is {distance_mm:.1} mm from seam {seam}, and up to {most_mm:.1} mm would be believed"
-    )]
+    #[error("touch {number} is {distance_mm:.1} mm from seam {seam}; at most {most_mm:.1} mm is plausible")]
     Implausible {
         /// Of the touch, from 1.
         number: usize,
@@ -94,7 +92,7 @@ pub enum Error {
     },
     /// No motion brings it to its seam together with the others.
     #[error(
-        "touch {number} contradicts the others: it stays {left_mm:.1} mm from seam {seam}, where {most_mm:.1} mm are believed"
+        "touch {number} contradicts the others: it remains {left_mm:.1} mm from seam {seam}; at most {most_mm:.1} mm is plausible"
     )]
     Contradiction {
         /// Of the touch, from 1.

@@ -85,8 +85,8 @@ pub(super) fn warnings(scan: &RawScan, seam: &Refined, expected: &Expected) -> V
             expected.loose_views.iter().filter_map(|&k| scan.view_names.get(k).copied()).collect();
         let d = expected.loosest;
         warnings.push(format!(
-            "{} not held along ({:.2}, {:.2}, {:.2}) by surfaces that other views share: the seam may be off by {:.1} mm \
-             there; add a view that sees those faces together with the first view's",
+            "{} not constrained along ({:.2}, {:.2}, {:.2}) by surfaces that other views share: the seam may be off by {:.1} mm \
+             in that direction; add a view that shows those faces and the first view's",
             if views.len() == 1 { format!("{} is", views[0]) } else { format!("{} are", views.join(", ")) },
             d.x,
             d.y,

@@ -354,7 +354,7 @@ impl<'a> Drawing<'a> {
             };
             if near.iter().filter(in_tip).count() >= LEAST_IN_TIP {
                 let place = self.words(&station.position);
-                return Err(format!("what was scanned above {place} is where the torch's tip would be"));
+                return Err(format!("something was scanned above {place}, where the torch's tip would be"));
             }
         }
         Ok(())

@@ -54,7 +54,7 @@ pub enum Error {
         reach_mm: u32,
     },
     /// What the pendant says of itself cannot be.
-    #[error("the pendant says that its {what} is 0: no path fits that")]
+    #[error("the pendant reports that its {what} is 0: no path fits")]
     Limits {
         /// Which limit.
         what: &'static str,

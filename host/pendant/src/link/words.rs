@@ -31,7 +31,7 @@ pub fn cause_words(cause: Cause) -> &'static str {
         Cause::Key => "the key switch was turned",
         Cause::ManualFeed => "the seam is to be welded faster than manual mode allows",
         Cause::RobotSilent => "the robot did not answer in time",
-        Cause::RobotOff => "the robot is not where it was to be",
+        Cause::RobotOff => "the robot is not where it should be",
         Cause::RobotDrives => "the robot's drives do not follow",
     }
 }
@@ -44,14 +44,14 @@ pub fn fault_words(fault: Fault) -> &'static str {
         Fault::Waypoint => "a waypoint was not acceptable",
         Fault::Digest => "the path that arrived is not the one that was sent",
         Fault::Current => {
-            "current flows although the arc is off: see to the power source, then press the reset button"
+            "current flows although the arc is off: check the power source, then press the reset button"
         }
         Fault::Channels => {
-            "the two contacts of emergency stop or enabling switch contradict each other: see to the wiring, \
+            "the two contacts of emergency stop or enabling switch contradict each other: check the wiring, \
              then press the reset button"
         }
         Fault::Readback => {
-            "an output does not do what it is told: see to the board, then press the reset button"
+            "an output does not follow its command: check the board, then press the reset button"
         }
     }
 }
@@ -62,7 +62,7 @@ pub(crate) fn attach_words(why: AttachRefusal) -> String {
         AttachRefusal::Busy => "its host is alive, or the torch still moves".into(),
         AttachRefusal::State(state) => format!("the pendant is {} and holds no path", state_words(state)),
         AttachRefusal::Session => "the pendant was reset, or another host had it since".into(),
-        AttachRefusal::Path => "the pendant holds another path, or not all of this one had come".into(),
+        AttachRefusal::Path => "the pendant holds another path, or had not received all of this one".into(),
     }
 }
 

@@ -150,7 +150,7 @@ fn remarks(setup: &ProgramSetup, joints: Option<&Joints>) -> String {
             flag::ARC,
             flag::BROKEN
         ),
-        "A stop puts arc and gas out; one amid a weld ends the program when it goes on. Not verified.".into(),
+        "A stop puts arc and gas out; one during a weld ends the program on resume. Not verified.".into(),
         setup.arc_remark().into(),
     ];
     own.extend(setup.frame.remark(&frame_of(&setup.frame.robot_from_frame)));
@@ -213,7 +213,7 @@ fn give_up() -> String {
 fn lost(name: &str) -> String {
     format!(
         "GLOBAL DEF {name}_lost()\n\
-         ; The program was stopped amid a weld, or the arc went out. Look at the seam, then run another program.\n\
+         ; The program was stopped during a weld, or the arc went out. Check the seam, then run another program.\n\
          BRAKE F\n\
          {}\
          END\n",

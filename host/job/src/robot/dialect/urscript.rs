@@ -89,16 +89,16 @@ impl Script {
             "Not verified: what an output does when a paused program goes on, and whether action 1 outlives the \
              program."
                 .into(),
-            "A stop amid a weld ends the program when it goes on; the rest of the weld is another program.".into(),
+            "A program that is stopped during a weld ends on resume; the rest of the weld is another program.".into(),
             setup.arc_remark().into(),
         ];
         own.push(if setup.arc.established_input.is_none() {
-            "An output that comes back when a paused program goes on would strike the arc, unseen without that \
-             input: do not resume amid a weld, stop the program."
+            "An output that switches on again when a paused program resumes would strike the arc, unseen \
+             without that input: do not resume during a weld, stop the program."
                 .into()
         } else {
-            "An output that comes back when a paused program goes on would go on with a strike that was \
-             interrupted: do not resume there, stop the program."
+            "An output that switches on again when a paused program resumes would continue an interrupted \
+             strike: do not resume there, stop the program."
                 .into()
         });
         own.extend(setup.frame.remark(&pose(&setup.frame.robot_from_frame)));
@@ -119,7 +119,7 @@ impl Script {
         self.line("global weldpath_on = 0");
         self.line("thread weldpath_watch():");
         self.line("  while (True):");
-        let after_stop = "The program was stopped amid a weld. Look at the seam, then run another program.";
+        let after_stop = "The program was stopped during a weld. Check the seam, then run another program.";
         let outputs = [arc.gas_output.map(|gas| (GAS, gas)), Some((ARC, arc.output))];
         for (level, output) in outputs.into_iter().flatten() {
             self.unless(level, format_args!("get_standard_digital_out({output})"), after_stop, arc);

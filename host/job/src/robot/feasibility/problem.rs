@@ -360,8 +360,8 @@ impl Problem {
                 self.touch.map(|touch| touch.words(arm)).unwrap_or_default()
             ),
             ProblemKind::OddPosture => format!(
-                "{arm} {}, and no way along the whole program is free without such a fault: look at it in the controller's \
-                 simulation, or move the part or the robot",
+                "{arm} {}, because no other posture is free along the whole program: check it in the controller's simulation, or \
+                 move the part or the robot",
                 self.odd.map(Oddity::words).unwrap_or_default()
             ),
             ProblemKind::Singular => format!(

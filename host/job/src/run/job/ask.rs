@@ -11,7 +11,7 @@ use super::quantity::Place;
 /// Most places of one seam: a loop clicked every few degrees has fewer.
 const MOST_PLACES: usize = 200;
 
-/// `[[ask]]`: a seam that the search passed over. It is looked for along these places, and is not there if no two faces meet.
+/// `[[ask]]`: a seam that the search missed. It is searched along these places, and not found if no two faces meet there.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AskSettings {

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::quantity::{Place, Region, Up};
 use weldpath_method::pipeline::exclusion::{Exclusion, HalfSpace};
 
-/// `[exclude]`: what is scanned and is no work. No seam is sought there; the torch keeps clear of it as of the work.
+/// `[exclude]`: what is scanned but does not belong to the work. No seam is searched there; the torch still keeps clear of it.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct ExcludeSettings {

@@ -75,13 +75,13 @@ fn against_method(job: &Job) -> Option<(&'static str, &'static str, &'static str
         (
             !job.asks.is_empty() && by_paper,
             "[[ask]]",
-            "the paper's method fits no faces, and can look for no seam that is asked for",
+            "the paper's method fits no faces, so it cannot search for a requested seam",
             "leave method = \"paper\" out, or [[ask]]",
         ),
         (
             !job.draws.is_empty() && by_paper,
             "[[draw]]",
-            "the paper's method fits no faces, and can lay no drawn line onto them",
+            "the paper's method fits no faces, so it cannot fit a drawn line to them",
             "leave method = \"paper\" out, or [[draw]]",
         ),
     ];
@@ -110,7 +110,8 @@ pub(super) fn check(job: &Job, text: &str, path: &Path) -> Result<(), Error> {
         return refuse(line_of_key(text, key), &why, hint);
     }
     if let Some((key, why)) = job.unwritable() {
-        let hint = "docs/programs.md says which controller knows frames and tools by what, under \"Frames and tools\"";
+        let hint =
+            "docs/programs.md, \"Frames and tools\", lists how each controller identifies frames and tools";
         return refuse(line_of_key(text, key), &why, hint);
     }
     if let Some((key, why)) = job.scan.calibration.as_ref().and_then(|c| c.fault()) {

@@ -37,7 +37,7 @@ pub struct RobotSettings {
     pub home_deg: Option<[f64; 6]>,
     /// What follows the last waypoint: the arm stays, or goes home.
     pub end: ProgramEnd,
-    /// `"controller"`: the joints of `opw` count as its controller's, so that programs may name them.
+    /// `"controller"`: the joint angles of `opw` are those that the controller shows, so that programs may name them.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub joints: Option<JointCounting>,
     /// In which frame programs write their poses; by default the robot's own base.
@@ -127,7 +127,7 @@ pub struct TorchBodySettings {
     pub nozzle_length_mm: f64,
     /// Length of the cone from the nozzle to the body.
     pub neck_length_mm: f64,
-    /// By so much the body leans away from the travel.
+    /// How far the body leans away from the direction of travel.
     pub neck_deg: f64,
     /// Radius of the body.
     pub body_radius_mm: f64,
@@ -221,7 +221,7 @@ impl RobotSettings {
         let Some(counting) = arm.counting else {
             return Some((
                 "home_deg",
-                "joints = \"controller\" has to say that the joints of opw count so".into(),
+                "state joints = \"controller\", if the joint angles of opw are those that the controller shows".into(),
             ));
         };
         let home_rad = counting.from_shown_rad(&home_deg);

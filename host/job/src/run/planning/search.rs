@@ -13,8 +13,8 @@ use weldpath_method::pipeline::touch::{self, Touch};
 use weldpath_method::pipeline::{self, Observer, Plan, PlanError};
 
 /// Said of a scan whose cameras nobody knows.
-const UNUSED_CALIBRATION: &str =
-    "the calibration is not used: nothing says where the camera was, or that the coordinates are the robot's";
+const UNUSED_CALIBRATION: &str = "the calibration is not used: it is unknown where the camera was, or whether the coordinates are in the \
+     robot's base frame";
 
 /// All that a job says of how seams are found. The search knows no job: what is not here cannot change what it finds, and
 /// what is here is in its key.

@@ -77,7 +77,8 @@ pub(super) fn settle(
     if from_top_mm <= ONE_PLACE_MM {
         let warning = || {
             format!(
-                "only the ends of the part show how far it went to {motion}: check where the welds begin and end"
+                "only the ends of the part show how far it moved in one direction ({motion}): check where \
+                 the welds begin and end"
             )
         };
         return Ok(Settled { pose: top, known: true, warning: decisive.then(warning) });
@@ -91,8 +92,9 @@ pub(super) fn settle(
         return Err(Error::Ambiguous { motion, spread_mm });
     }
     let warning = format!(
-        "UNKNOWN: the scan does not show how far the part went to {motion}: weld points may be {spread_mm:.0} mm off along \
-         it. The smallest motion was taken; check where the welds begin and end before the program is run"
+        "UNKNOWN: the scan does not show how far the part moved in one direction ({motion}): weld points may \
+         be {spread_mm:.0} mm off along it. The smallest motion was taken; check where the welds begin and \
+         end before the program is run"
     );
     Ok(Settled { pose, known: false, warning: Some(warning) })
 }

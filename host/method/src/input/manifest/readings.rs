@@ -124,9 +124,10 @@ fn readings_of_poses(
              flange"
         );
         let write = format!(
-            "Rename `base_from_flange` to `base_from_tcp`, and write the TCP that is set, \"flange_from_tcp\": [0, 0, {}, 0, 0, 0] \
-             or near it for a tool that stands straight out; else all six numbers of the controller, for the views tell neither \
-             how far it is aside nor how it is tilted",
+            "Rename `base_from_flange` to `base_from_tcp`, and write the TCP that is set, \
+             \"flange_from_tcp\": [0, 0, {}, 0, 0, 0] or near it for a tool that stands straight out; \
+             otherwise all six numbers of the controller, because the views do not show its sideways offset \
+             or tilt",
             length_mm / of_unit
         );
         all.push(Reading::new(says, write, cameras(length_mm)));

@@ -82,7 +82,7 @@ export const TEXTS = /* @__PURE__ */ texts("TEXTS", {
   footer: (version) => `weldpath ${version}. Keys: arrows turn, + and − zoom, F shows all, digits select a seam, space plays. Look at the program in the controller's simulation before it is run.`,
   // What is assumed where the verdict has this reason.
   assumed: {
-    "side-assumed": "side assumed: see that the torch is on the side of the air",
+    "side-assumed": "side assumed: check that the torch is on the open side",
     "frame-unknown": "pose assumed: as if it were in the robot's base frame",
     "camera-frame": "pose unknown: all is in the camera's frame",
   },
@@ -240,7 +240,7 @@ export const WORDS = /* @__PURE__ */ texts("WORDS", {
   faces: "Between two faces",
   facesHint: "Click two flat faces: the seam where they meet is added (E)",
   clickingFaces: (count) => `Between two faces: click ${count ? "the other face" : "a flat face near the seam"}, or turn it under the cross and press the space bar; Escape gives up.`,
-  noEdge: "These two faces do not meet in a straight edge that both are seen beside: click nearer to it, or add the seam by places along it (A).",
+  noEdge: "These two faces do not meet in a straight edge with both of them seen beside it: click closer to it, or add the seam by places along it (A).",
   box: "Box",
   boxHint: "Click points that the box should contain (B)",
   boxing: (count) => `Box: ${count ? `${count} ${count === 1 ? "place is" : "places are"} in it; ` : ""}click ${count ? "more" : "places"} that it shall hold, or turn them under the cross and press the space bar; Enter goes on to its numbers, Backspace takes the last one back, Escape gives up.`,
@@ -343,7 +343,7 @@ export const WORDS = /* @__PURE__ */ texts("WORDS", {
   removePass: (k) => `Remove pass ${k}`,
   tool: "Tool",
   setTool: "Set the tool",
-  removeTool: "Take the tool away: the controller's own holds",
+  removeTool: "Remove the tool: the controller's own setting applies",
   command: "As a command",
   keys: "Editing: A add a seam, D draw a seam, E between two faces, B box, H plane, M measure, S cross-section, P plan, Escape cancel, Ctrl+Z undo, Ctrl+Y redo, X weld or leave out, R reverse, [ earlier, ] later, J seam, joint type or whole job, C copy as command.",
 });

@@ -81,9 +81,10 @@ const MISSING: f64 = 2.0;
 /// Error of the angle of a joint from points under its web, degrees per mm of opening.
 const PULL_DEG_MM: f64 = 0.8;
 
-const NO_CAMERA: &str = "nobody knows from where the cloud was seen";
+const NO_CAMERA: &str = "the camera's position is unknown";
 const HIDDEN: &str = "no view sees down to the root";
-const UNBACKED: &str = "behind the edges of a corner joint nothing tells an opening from a missing reading";
+const UNBACKED: &str =
+    "behind the edges of a corner joint an opening cannot be distinguished from missing readings";
 
 /// The opening of a joint.
 pub(super) fn opening(evidence: &JointEvidence) -> Opening {
