@@ -15,7 +15,13 @@ use weldpath::{Error, Withheld};
 
 create_exception!(weldpath, WeldpathError, PyException, "What weldpath cannot do, in words.");
 create_exception!(weldpath, InputError, WeldpathError, "The scan cannot be read or understood.");
-create_exception!(weldpath, JobError, WeldpathError, "An unknown setting, or an impossible value.");
+create_exception!(
+    weldpath,
+    JobError,
+    WeldpathError,
+    "A setting that does not exist, or whose value is \
+                                                      impossible."
+);
 create_exception!(
     weldpath,
     NoSeam,
@@ -93,7 +99,7 @@ pub(crate) fn robot(name: &str) -> PyResult<Dialect> {
     serde_json::from_value(name.into()).map_err(|_| {
         let known = Dialect::ALL.iter().filter_map(|robot| serde_json::to_value(robot).ok());
         let names: Vec<String> = known.filter_map(|value| value.as_str().map(str::to_owned)).collect();
-        python::<JobError>(format!("{name:?} is no robot; there are {}", names.join(", ")))
+        python::<JobError>(format!("{name:?} is not a known robot; known are {}", names.join(", ")))
     })
 }
 

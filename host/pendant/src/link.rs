@@ -47,7 +47,7 @@ pub enum Error {
     #[error("no pendant answers (Hello was repeated for {patience} s){noise}", patience = HELLO_PATIENCE.as_secs(), noise = .0)]
     NoAnswer(Noise),
     /// It speaks, and does not answer.
-    #[error("the pendant has not answered a command for {} s, although it speaks", REPLY_PATIENCE.as_secs())]
+    #[error("the pendant has not answered a command for {} s, although it is still sending", REPLY_PATIENCE.as_secs())]
     NoReply,
     /// Another host has the pendant.
     #[error("the pendant is busy: another host's session is alive, or the torch still moves")]
@@ -69,7 +69,7 @@ pub enum Error {
         pendant: u32,
     },
     /// There is no path to go on with.
-    #[error("nothing to go on with: {}", attach_words(*.0))]
+    #[error("nothing to continue with: {}", attach_words(*.0))]
     Attach(AttachRefusal),
     /// The pendant ended the session.
     #[error("the pendant ended the session: it was reset, or heard nothing for too long")]
@@ -90,11 +90,11 @@ impl Error {
             Self::NoAnswer(noise) if noise.bytes > 0 => {
                 "another device may be at this port, or the pendant has another --baud"
             }
-            Self::NoReply => "let the enabling switch go; then start the pendant and the command again",
+            Self::NoReply => "release the enabling switch; then start the pendant and the command again",
             Self::NoAnswer(_) | Self::Silent => {
                 "check cable, port and --baud, and that the pendant has power"
             }
-            Self::Busy => "end the other program, or wait until the torch stands",
+            Self::Busy => "end the other program, or wait until the torch has stopped",
             Self::Attach(_) => "`weldpath stream --from-mm` or --from-waypoint loads the rest anew",
             Self::Version { .. } | Self::Schema { .. } => "install firmware and weldpath of the same release",
             Self::SessionLost | Self::Line(_) => "nothing moves until a new session; start the command again",

@@ -80,7 +80,7 @@ pub enum Error<E: std::error::Error + 'static> {
         why: Refusal,
     },
     /// The pendant answered something else.
-    #[error("the pendant answered frame {frame} by something that is no pose")]
+    #[error("the pendant answered frame {frame} with something that is not a pose")]
     NoPose {
         /// Counted from 0.
         frame: usize,

@@ -43,9 +43,11 @@ pub(super) fn run(_: &Args) -> Result<(), Failure> {
     ]))?;
     let begun = Instant::now();
     match trial() {
-        Ok(found) => print(&table(&[("trial", format!("{found}, in {:.2} s", begun.elapsed().as_secs_f64()))])),
+        Ok(found) => {
+            print(&table(&[("trial", format!("{found}, in {:.2} s", begun.elapsed().as_secs_f64()))]))
+        }
         Err(reason) => Err(Failure::new(Exit::NoSeam, format!("the trial failed: {reason}"))
-            .hint("a simulated fillet of this program's own should always be found: this build or machine is at fault")),
+            .hint("the simulated fillet should always be found: this build or machine is faulty")),
     }
 }
 

@@ -13,13 +13,13 @@ use super::{Exit, Failure, print};
 
 /// Show the pendant's state as it reports it
 ///
-/// Listens and says nothing, so it disturbs nothing: no session is opened, and a loaded path stays. One line when
+/// Only listens, so the pendant is not disturbed: no session is opened, and a loaded path stays. Prints a line when
 /// something changes, and every second.
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
     #[command(flatten)]
     port: Port,
-    /// End after so many reports [default: never]
+    /// End after this many reports [default: never]
     #[arg(long, value_name = "N")]
     count: Option<u64>,
     /// Print every report as a line of JSON

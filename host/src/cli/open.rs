@@ -19,7 +19,7 @@ use super::{Exit, Failure, plan, simulate, tell, whole};
 ///
 /// INPUT is what `weldpath plan` takes, the folder of an earlier run, or a job file. The scan is planned, and its report
 /// opened as a page in which the job is edited: which seams, in which order and direction, and how each is welded. What is
-/// clicked stands in job.toml with the next plan. The page is on 127.0.0.1 alone, and its address holds a secret word; the
+/// edited is saved in job.toml with the next plan. The page is on 127.0.0.1 alone, and its address holds a secret word; the
 /// command ends with Ctrl-C, or a minute after the last page is closed. Without INPUT the page asks for a folder, or simulates an
 /// example.
 #[derive(Debug, clap::Args)]

@@ -77,7 +77,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     if verdict.state == State::Refused {
         let why = format!("the program cannot be run where the part is now: {}", verdict.lines().join("; "));
         return Err(Failure::new(Exit::Refused, why)
-            .hint("docs/troubleshooting.md says of each reason what to do; nothing was written"));
+            .hint("docs/troubleshooting.md says what to do about each reason; nothing was written"));
     }
     let remarks = [refitted(&args.saved)].into_iter().chain(verdict.lines()).collect();
     let setup = ProgramSetup { remarks, posture, ..saved.job.program_setup() };
@@ -152,8 +152,7 @@ fn summary(fit: &Refit) -> String {
 
 fn told(fit: &Refit, scan_warnings: &[String]) -> String {
     let mut text = format!(
-        "the part moved by {:.1} mm and {:.2} deg; {:.0} % of the saved model about the welds lies on the new scan, \
-         {:.2} mm RMS\n",
+        "the part moved by {:.1} mm and {:.2} deg; {:.0} % of the saved model around the welds matches the new scan, {:.2} mm RMS\n",
         fit.moved_mm,
         fit.turned_deg,
         100.0 * fit.found,

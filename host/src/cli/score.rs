@@ -23,7 +23,7 @@ pub(super) struct Args {
     near: Place,
     #[command(flatten)]
     port: PortOrSim,
-    /// So many points
+    /// Number of points
     #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u16).range(1..=10_000))]
     count: u16,
     /// Ball radius of eq. (11) [default: half the distance to a point's 64th neighbour]

@@ -65,7 +65,7 @@ pub(super) struct Args {
     /// Thickness of the members; butt-v, half-v, fillet and lap only
     #[arg(long, value_name = "MM", conflicts_with = "mesh", allow_negative_numbers = true)]
     thickness_mm: Option<f64>,
-    /// So many tacks hold the joint already, 10 to 20 mm long; fillet only
+    /// This many tacks, 10 to 20 mm long, hold the joint already; fillet only
     #[arg(long, value_name = "N", value_parser = whole::<usize>, conflicts_with = "mesh", allow_negative_numbers = true)]
     tacks: Option<usize>,
     /// Leg of a tack
@@ -92,7 +92,7 @@ struct CellArgs {
     /// The camera is this far from where the hand-eye transform puts it
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     hand_eye_mm: Option<f64>,
-    /// It is turned by this much
+    /// The camera is turned by this much
     #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
     hand_eye_deg: Option<f64>,
     /// Standard deviation of the positions that the robot reports, each axis
@@ -116,22 +116,22 @@ struct SensorArgs {
     /// ideal, structured-light, stereo or tof
     #[arg(long, default_value_t = Sensor::Ideal)]
     sensor: Sensor,
-    /// A matcher averages over so many pixels each way: rounds corners
+    /// A stereo matcher averages over this many pixels each way: rounds corners
     #[arg(long, value_name = "PX", value_parser = whole::<u32>, allow_negative_numbers = true)]
     window_px: Option<u32>,
-    /// Near surfaces cover so many pixels of what is behind their edges
+    /// Near surfaces cover this many pixels of what is behind their edges
     #[arg(long, value_name = "PX", value_parser = whole::<u32>, allow_negative_numbers = true)]
     fattening_px: Option<u32>,
     /// Share of silhouette pixels that fly between near and far
     #[arg(long, value_name = "SHARE", allow_negative_numbers = true)]
     flying: Option<f64>,
-    /// Noise is correlated over about so many pixels
+    /// Noise is correlated over about this many pixels
     #[arg(long, value_name = "PX", allow_negative_numbers = true)]
     correlated_px: Option<f64>,
-    /// Disparities come in such steps
+    /// Step of the disparities
     #[arg(long, value_name = "PX", allow_negative_numbers = true)]
     disparity_step_px: Option<f64>,
-    /// Depths come in such steps
+    /// Step of the depths
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     depth_step_mm: Option<f64>,
     /// Light between faces brings the root of a corner nearer by this, falling off over 5 mm; negative: farther

@@ -52,7 +52,7 @@ pub(super) struct Args {
     /// Weld only from this waypoint of path.json on, counted from 0, with a lead-in along the torch
     #[arg(long, value_name = "N", conflicts_with = "resume")]
     from_waypoint: Option<usize>,
-    /// Weld only from so far along the path on, with a lead-in along the torch
+    /// Weld only from this distance along the path on, with a lead-in along the torch
     #[arg(long, value_name = "MM", conflicts_with_all = ["resume", "from_waypoint"], allow_negative_numbers = true)]
     from_mm: Option<f64>,
     /// If the torch is not where the path begins: go there slowly first, off the work along the torch, with the arc barred
@@ -178,7 +178,7 @@ fn same_tool(link: &Link, tool: Option<WirePose>) -> Result<(), Failure> {
         }
         let why = "the pendant holds the path with another tool than that of the job beside the program";
         return Err(Failure::new(Exit::Input, why)
-            .hint("give the [tool] with which it was loaded, or start anew with --from-mm"));
+            .hint("give the [tool] with which it was loaded, or start again with --from-mm"));
     }
     Err(Failure::new(Exit::Pendant, "the pendant does not report its tool"))
 }
@@ -227,11 +227,8 @@ fn way_to(link: &Link, planned: &[Waypoint]) -> Result<Option<Vec<Waypoint>>, Fa
             away_mm * 1e3 <= f64::from(limits.near_um) && turned_rad * 1e3 <= f64::from(limits.near_mrad);
         return Ok((!near).then(|| rest::approach(&here, planned)));
     }
-    Err(Failure::new(
-        Exit::Unfinished,
-        "it is not known where the torch is, so there is no way to an approach",
-    )
-    .hint("bring the torch to where the path begins and press confirm at the pendant"))
+    Err(Failure::new(Exit::Unfinished, "it is not known where the torch is, so no approach can be planned")
+        .hint("bring the torch to where the path begins and press confirm at the pendant"))
 }
 
 fn read(program: &Path) -> Result<Vec<Waypoint>, Failure> {
@@ -244,7 +241,7 @@ fn read(program: &Path) -> Result<Vec<Waypoint>, Failure> {
     let text = reading::text(&file, reading::MOST_RESULT).map_err(|error| cannot(error.to_string()))?;
     let (program, frame) = json::read(&text).map_err(|error| cannot(error.to_string()))?;
     if frame == PathFrame::Camera {
-        let why = format!("{} is in the camera's frame: no robot can go where it says", file.display());
+        let why = format!("{} is in the camera's frame: no robot can follow it", file.display());
         return Err(Failure::new(Exit::Input, why).hint("plan a scan.json with poses"));
     }
     Ok(program)
@@ -294,7 +291,7 @@ impl<'a> Weld<'a> {
                 Some(Event::Progress(_)) => got_on = Instant::now(),
                 _ if got_on.elapsed() > REPLY_PATIENCE => {
                     let why = format!(
-                        "the pendant takes no more of the path: nothing was acknowledged for {} s",
+                        "the pendant accepts no more of the path: nothing was acknowledged for {} s",
                         REPLY_PATIENCE.as_secs()
                     );
                     return Err(Failure::new(Exit::Pendant, why).hint(Error::NoReply.hint()));
@@ -324,7 +321,7 @@ impl<'a> Weld<'a> {
             |error: std::io::Error| Failure::new(Exit::Input, format!("{}: {error}", kept.display()));
         let former = saved::read(kept).map_err(cannot)?;
         if wire::path_digest(&self.upload.waypoints) != Some(former.digest) {
-            let why = "the program is not the one that the pendant holds: it was planned anew";
+            let why = "the program is not the one that the pendant holds: it was planned again";
             return Err(Failure::new(Exit::Input, why).hint("plan as before, or --from-mm with the new plan"));
         }
         self.path = former.path;
@@ -335,11 +332,11 @@ impl<'a> Weld<'a> {
             let Some(state) = self.state else { continue };
             let place = self.place(&state);
             let wanted = if state.state != State::Held {
-                format!("the pendant is {}: nothing to go on with", state_words(state.state))
+                format!("the pendant is {}: nothing to continue with", state_words(state.state))
             } else if state.pins & Telemetry::ENABLED == 0 {
                 format!("{place}; waiting for the enabling switch (released first, then held)")
             } else if !entered {
-                format!("{place}; Enter goes on, s ends")
+                format!("{place}; Enter continues, s ends")
             } else {
                 match self.resume()? {
                     Answer::Refused(why) => refusal_words(why),
@@ -534,7 +531,7 @@ impl<'a> Weld<'a> {
         }
         self.bar.finish_and_clear();
         let message = format!("the weld was not finished: {}{why}", self.place(state));
-        Err(Failure::new(Exit::Unfinished, message).hint("the arc is off and the torch stands"))
+        Err(Failure::new(Exit::Unfinished, message).hint("the arc is off and the torch has stopped"))
     }
 
     fn key(&mut self, key: u8) -> Result<(), Failure> {

@@ -40,7 +40,7 @@ pub(super) struct WeldArgs {
     /// Weld stitches with this distance from centre to centre
     #[arg(long, value_name = "MM", allow_negative_numbers = true, conflicts_with = "tacks")]
     pitch_mm: Option<PitchMm>,
-    /// Weld so many tacks on each seam
+    /// Weld this many tacks on each seam
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     tacks: Option<Tacks>,
     /// Length of each stitch or tack [default: 20]

@@ -218,7 +218,7 @@ where
     let mut tree = serde_json::to_value(settings).map_err(words)?;
     let names: Vec<&str> = key.split('.').collect();
     if !(known.contains(&names[0]) || known.contains(&key) || key == PASSES) {
-        return Err(format!("{key:?} is nothing that this page sets"));
+        return Err(format!("{key:?} cannot be set on this page"));
     }
     put(&mut tree, &names, value);
     serde_json::from_value(tree).map_err(words)

@@ -300,7 +300,7 @@ impl Opened<'_> {
             None => Some(report::waiting(&nonce)),
         };
         let Some(page) = page else {
-            return refusal(StatusCode::INTERNAL_SERVER_ERROR, "the report is no page of weldpath's");
+            return refusal(StatusCode::INTERNAL_SERVER_ERROR, "the report is not a page of weldpath");
         };
         html(page, &nonce)
     }
@@ -336,9 +336,9 @@ impl Drop for Waiting<'_> {
 
 /// The whole body, if it is small and comes soon.
 async fn read(body: Incoming) -> Result<Bytes, guard::Refusal> {
-    let late = (StatusCode::REQUEST_TIMEOUT, Cow::Borrowed("the request did not come to its end"));
+    let late = (StatusCode::REQUEST_TIMEOUT, Cow::Borrowed("the request is incomplete"));
     let broken = (StatusCode::BAD_REQUEST, Cow::Borrowed("the request broke off"));
-    let large = (StatusCode::PAYLOAD_TOO_LARGE, Cow::Borrowed("no edit is so large"));
+    let large = (StatusCode::PAYLOAD_TOO_LARGE, Cow::Borrowed("the request is too large for an edit"));
     if body.size_hint().lower() > MOST_BODY_BYTES as u64 {
         return Err(large);
     }

@@ -88,7 +88,7 @@ def triangles(value: object) -> bytes:
     if array.dtype.kind not in "iu" or array.ndim != 2 or array.shape[1] != 3:
         raise InputError(f"triangles: {array.dtype} of shape {array.shape}; give M x 3 whole numbers")
     if array.size and array.min() < 0:
-        raise InputError(f"triangles: {array.min()} is no index; they are counted from 0")
+        raise InputError(f"triangles: {array.min()} is not an index; they are counted from 0")
     return np.ascontiguousarray(array, dtype="<i8").tobytes()
 
 

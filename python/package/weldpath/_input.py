@@ -183,7 +183,7 @@ def _plain(value: object) -> object:
         return value.tolist()
     if isinstance(value, os.PathLike):
         return os.fspath(value)
-    raise JobError(f"{value!r} is nothing that a job can hold")
+    raise JobError(f"{value!r} cannot be stored in a job")
 
 
 def _without_none(value: object, place: str = "job") -> object:
@@ -193,7 +193,7 @@ def _without_none(value: object, place: str = "job") -> object:
     if isinstance(value, (list, tuple)):
         return [_without_none(item, place) for item in value]
     if isinstance(value, (float, np.floating)) and not np.isfinite(value):
-        raise JobError(f"{place}: {value} is no number that a job can hold")
+        raise JobError(f"{place}: {value} is not a number that a job can hold")
     return value
 
 
@@ -271,7 +271,7 @@ def scan_of(
         if isinstance(source, (str, os.PathLike)):
             if not os.fspath(source):
                 raise InputError("the path is empty")
-            given.refuse([*_POSES_OF_ALL, "normals"], "it is for arrays; a file says it itself")
+            given.refuse([*_POSES_OF_ALL, "normals"], "it is for arrays; a file states it itself")
             settled = given.job(job, overrides, input=os.path.abspath(source))
             return _weldpath.read(settled, threads), settled
         if isinstance(source, View):
@@ -319,7 +319,7 @@ def _of_points(source: Any, given: Given) -> _weldpath.RawCloud:
         of_open3d = _of_open3d(source)
         if of_open3d is None:
             raise InputError(
-                f"a {type(source).__name__} is nothing to plan: give a path, an array N x 3, a list of View, or an Open3D cloud or mesh"
+                f"a {type(source).__name__} cannot be planned: give a path, an array N x 3, a list of View, or an Open3D cloud or mesh"
             )
         points, own, triangles = of_open3d
         if triangles is not None:

@@ -24,7 +24,7 @@ from ._input import PathLike, words
 
 @dataclass(frozen=True)
 class Reason:
-    """Something that stands against running the program; docs/troubleshooting.md says of each id what to do."""
+    """Something that stands against running the program; docs/troubleshooting.md says what to do about each id."""
 
     id: str
     words: str

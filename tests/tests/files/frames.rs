@@ -192,7 +192,7 @@ fn what_a_controller_cannot_have_is_refused_with_its_line() {
         ("fanuc", "frame = { origin_mm = [1, 2, 3] }", "spare position register"),
         ("fanuc", "tool = { number = 2, register = 11 }", "only where the job has a [tool]"),
         ("kuka", "frame = 65", "0 to 64"),
-        ("ur", "frame = \"a b\"", "no name on a controller"),
+        ("ur", "frame = \"a b\"", "not a valid name on a controller"),
         ("fanuc", "frame = { number = 5, register = 0 }", "1 to 200"),
         ("ur", "frame = true", "a frame is a number, a name, or a table"),
     ] {

@@ -245,7 +245,7 @@ fn a_stop_at_any_time_puts_the_arc_out_for_good() {
     for watched in [true, false] {
         let files = short(watched);
         stops(&files, watched).unwrap();
-        assert_eq!(files[0].1.contains("Loss of the arc is not seen"), !watched);
+        assert_eq!(files[0].1.contains("Loss of the arc is not detected"), !watched);
         assert!(files[0].1.contains("Not a safety function") && files[2].1.contains("Not a safety function"));
     }
 }

@@ -370,7 +370,7 @@ fn a_stop_at_any_time_puts_the_arc_out_for_good() {
             script.contains("An output that switches on again") && script.contains(unseen),
             "what is not seen is said"
         );
-        assert_eq!(script.contains("Loss of the arc is not seen"), !watched);
+        assert_eq!(script.contains("Loss of the arc is not detected"), !watched);
         assert!(script.contains("Not a safety function"));
     }
 }

@@ -233,7 +233,7 @@ fn a_hold_that_nobody_is_left_to_end_ends_the_command() {
     pendant.enable(false);
     let ended = host.end();
     assert_eq!(ended.code, Some(7), "{}", ended.said);
-    assert!(ended.said.contains("the enabling switch was let go"), "{}", ended.said);
+    assert!(ended.said.contains("the enabling switch was released"), "{}", ended.said);
     assert!(!pendant.seen().arc);
 }
 
@@ -620,7 +620,7 @@ fn a_pendant_that_remembers_nothing_is_given_the_rest_with_a_lead_in() {
     assert!(seen.segment >= 22 && seen.segment < 40, "the rest only: {seen:?}");
     let ended = Running::start(&mut command(&pendant, folder.path(), &["--resume"])).end();
     assert_eq!(ended.code, Some(6), "{}", ended.said);
-    assert!(ended.said.contains("nothing to go on with"), "{}", ended.said);
+    assert!(ended.said.contains("nothing to continue with"), "{}", ended.said);
     let ended = Running::start(&mut command(&pendant, folder.path(), &["--from-mm", "9999"])).end();
     assert_eq!(ended.code, Some(2), "{}", ended.said);
 }

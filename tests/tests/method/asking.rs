@@ -175,6 +175,6 @@ fn a_seam_that_is_there_anyway_is_named_and_not_added_twice() {
     let clicks: Vec<_> = piece.plan.seams.iter().map(|seam| piece.clicks(seam, &mut Dice(3))).collect();
     let plan = piece.asked(clicks, Vec::new());
     assert_eq!(plan.seams.len(), piece.plan.seams.len());
-    let named = plan.said.warnings.iter().filter(|words| words.contains("which is there without asking"));
+    let named = plan.said.warnings.iter().filter(|words| words.contains("which is found without asking"));
     assert_eq!(named.count(), piece.plan.seams.len(), "{:?} {:?}", plan.said.warnings, plan.said.unmet);
 }

@@ -386,7 +386,7 @@ fn what_excludes_nothing_or_names_a_file_is_refused_in_words() {
         (exclude(&nothing, &json!({ "box": [[0, 0, 0]] })), "length"),
         (exclude(&nothing, &no_direction), "cannot be zero"),
         (exclude(&nothing, &json!({ "background": "/etc" })), "unknown variant `background`"),
-        (background, "is nothing that this page sets"),
+        (background, "cannot be set on this page"),
     ] {
         let said = open.refused(&edit);
         assert!(said.contains(words), "{edit}: {said}");
@@ -617,10 +617,10 @@ fn an_edit_that_makes_no_job_is_refused_in_words() {
         (set(Value::Null, "path.feed_mm_s", json!("fast")), "path.feed_mm_s: invalid type"),
         (set(Value::Null, "path.points", json!(50)), ""),
         (set(Value::Null, "path.fed_mm_s", json!(5)), "unknown field `fed_mm_s`"),
-        (set(Value::Null, "input", json!("/etc/passwd")), "\"input\" is nothing that this page sets"),
-        (set(Value::Null, "seam", json!([])), "\"seam\" is nothing that this page sets"),
-        (set(Value::Null, "accept.0", json!("units")), "is nothing that this page sets"),
-        (set(json!(1), "order.sequence", json!("found")), "is nothing that this page sets"),
+        (set(Value::Null, "input", json!("/etc/passwd")), "\"input\" cannot be set on this page"),
+        (set(Value::Null, "seam", json!([])), "\"seam\" cannot be set on this page"),
+        (set(Value::Null, "accept.0", json!("units")), "cannot be set on this page"),
+        (set(json!(1), "order.sequence", json!("found")), "cannot be set on this page"),
         (set(json!(99), "path.feed_mm_s", json!(5)), "there is no seam 99"),
         (set(Value::Null, "robot.model", json!("r2d2")), "r2d2"),
         (json!({ "edit": "order", "seams": [1, 1] }), "twice"),

@@ -547,7 +547,7 @@ fn a_seam_is_asked_for_by_clicks_and_the_page_says_what_is_there() {
     page.plan();
     assert_eq!(page.order().len(), seams, "the seam is there anyway");
     let said = [page.text("#verdict"), page.text("#warnings")].join("\n");
-    assert!(said.contains("is there without asking"), "{said}");
+    assert!(said.contains("is found without asking"), "{said}");
     // It is listed, taken back, and back again.
     page.browser.press("j", false);
     page.settle("document.querySelector('[data-unask=\"0\"]')");

@@ -84,7 +84,7 @@ reasons! {
     Angles => "angles", Refused;
     /// A transform is given the wrong way round.
     TransformInverted => "transform-inverted", Refused;
-    /// A cloud in the frame of its camera, for which a robot's program is asked.
+    /// A cloud in the frame of its camera, for which a robot program is requested.
     CameraFrame => "camera-frame", Refused;
     /// No seam's error is within the limit.
     ErrorOverLimit => "error-over-limit", Refused;
@@ -116,7 +116,7 @@ reasons! {
     LeftOut => "left-out", Check;
     /// More seams are welded than a part has.
     ManySeams => "many-seams", Check;
-    /// The tool is not stated, so that the controller's own setting holds.
+    /// The tool is not stated, so the controller's own setting applies.
     ToolNotStated => "tool-not-stated", Check;
     /// A seam that was asked for is not there.
     AskedNotThere => "asked-not-there", Check;
@@ -126,7 +126,7 @@ reasons! {
     Drawn => "drawn", Check;
     /// A seam whose error is over the limit; it is not welded.
     SeamUncertain => "seam-uncertain", Check;
-    /// A seam that may be where the work is held; it is not welded.
+    /// A seam that may be a contact with the fixture or the table; it is not welded.
     MayBeContact => "may-be-contact", Check;
     /// The tip may be farther from a seam in the robot's base frame than the limit.
     BaseErrorOverLimit => "base-error-over-limit", Check;
@@ -146,7 +146,7 @@ impl std::str::FromStr for ReasonId {
     fn from_str(text: &str) -> Result<Self, String> {
         let found = Self::ALL.iter().copied().find(|id| id.name() == text.trim());
         let known: Vec<&str> = Self::ALL.iter().map(|id| id.name()).collect();
-        found.ok_or_else(|| format!("{text:?} is no reason of a verdict; the ids are {}", known.join(", ")))
+        found.ok_or_else(|| format!("{text:?} is not the id of a reason; the ids are {}", known.join(", ")))
     }
 }
 

@@ -212,8 +212,10 @@ impl ProgramSetup {
     /// What the head says of the arc where the program itself switches it.
     fn arc_remark(&self) -> &'static str {
         match self.arc.established_input {
-            Some(_) => "Loss of the arc is seen by the input of the established arc, and ends the program.",
-            None => "Loss of the arc is not seen: the job has no established_input.",
+            Some(_) => {
+                "Loss of the arc is detected by the input of the established arc, and ends the program."
+            }
+            None => "Loss of the arc is not detected: the job has no established_input.",
         }
     }
 }

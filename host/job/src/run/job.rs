@@ -72,7 +72,7 @@ pub struct Job {
     /// Frame of a cloud's coordinates, if its file does not state it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub frame: Option<StatedFrame>,
-    /// Whether a file with faces is exact CAD or a scan, where its data do not say it.
+    /// Whether a file with faces is exact CAD or a scan, if its data do not show which.
     #[serde(rename = "as", skip_serializing_if = "Option::is_none")]
     pub mesh_as: Option<MeshAs>,
     /// How seams are found.
@@ -80,10 +80,10 @@ pub struct Job {
     /// Threshold `t` of eq. (16), for the method of the paper.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ratio_threshold: Option<RatioThreshold>,
-    /// Whose programs are written; by default that of the robot's maker, and URScript where none is named.
+    /// Robots whose programs are written; by default that of the arm's maker, and URScript where no arm is named.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub formats: Option<Vec<Dialect>>,
-    /// Reasons of the verdict, by their ids, that stand against running the program and are accepted.
+    /// Reasons of the verdict against running the program that are accepted, by their ids.
     pub accept: Vec<ReasonId>,
     /// How exact the robot's poses and the hand-eye transform are.
     pub scan: ScanSettings,
@@ -101,7 +101,7 @@ pub struct Job {
     pub draws: Vec<DrawSettings>,
     /// Which of the seams are welded.
     pub selection: Selection,
-    /// In which order the seams are welded.
+    /// Order in which the seams are welded.
     pub order: OrderSettings,
     /// How the torch moves along a seam.
     pub path: PathSettings,
@@ -113,10 +113,10 @@ pub struct Job {
     pub stitch: StitchSettings,
     /// The arc's switches and times.
     pub arc: ArcSettings,
-    /// The tool; without it the robot controller's own setting holds.
+    /// The tool; without it the robot controller's own setting applies.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tool: Option<ToolSettings>,
-    /// The arm that shall run the program; without it reach and joints are not checked.
+    /// The arm that will run the program; without it reach and joints are not checked.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub robot: Option<RobotSettings>,
     /// Sizes of the torch; without it and without a robot, collisions are not checked.

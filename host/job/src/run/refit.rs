@@ -128,7 +128,7 @@ pub fn refit(program: &[Waypoint], model: &PointCloud, new: &PointCloud) -> Resu
     }
     let part = Part::new(model, &welds);
     if part.surface.len() < 50 {
-        return Err(Error::Saved { what: "model has no surface about the welds of its program" });
+        return Err(Error::Saved { what: "model has no surface around the welds of its program" });
     }
     let target = Target::new(&with_edges(new), 0.0);
     let many = sample(&part.surface, FINE_POINTS);

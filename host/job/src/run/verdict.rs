@@ -155,7 +155,7 @@ pub(crate) fn many_seams(welded: &[SeamPath]) -> Option<Finding> {
             "so short that they may be noise rather than corners: check the unit, and whether a scanned mesh \
              is taken as CAD (--as scan)"
         }
-        _ => "see that the input is one part and not a whole assembly",
+        _ => "check that the input is one part and not a whole assembly",
     };
     let words = format!(
         "{} seams are welded, half of them shorter than {half_mm:.0} mm: {cause}; --seam, --roi and [[seam]] choose among them",
@@ -253,8 +253,8 @@ fn hand_eye_untested(views: &[ViewReport]) -> Option<Finding> {
     let widest = turns.iter().enumerate().flat_map(|(k, a)| turns[..k].iter().map(move |b| a.angle_to(b)));
     let widest_deg = widest.fold(0.0, f64::max).to_degrees();
     let words = format!(
-        "the views turn by {widest_deg:.1} deg only: a wrong hand-eye transform, or the pose of a tool in place of the \
-         flange's, would not show"
+        "the views turn by {widest_deg:.1} deg only: a wrong hand-eye transform, or TCP poses given as \
+         flange poses, would not show"
     );
     let finding = || Finding::new(ReasonId::HandEyeUntested, words).with(&[("turn_deg", widest_deg)]);
     (turns.len() > 1 && widest_deg < LEAST_TURN_DEG).then(finding)

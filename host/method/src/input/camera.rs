@@ -137,7 +137,7 @@ impl From<Intrinsics> for Vec<f64> {
 impl FromStr for Intrinsics {
     type Err = String;
     fn from_str(text: &str) -> Result<Self, String> {
-        let number = |part: &str| part.trim().parse::<f64>().map_err(|_| format!("{part:?} is no number"));
+        let number = |part: &str| part.trim().parse::<f64>().map_err(|_| format!("{part:?} is not a number"));
         text.split(',').map(number).collect::<Result<Vec<_>, _>>()?.try_into()
     }
 }
@@ -177,7 +177,7 @@ impl From<CameraPosition> for [f64; 3] {
 impl FromStr for CameraPosition {
     type Err = String;
     fn from_str(text: &str) -> Result<Self, String> {
-        let number = |part: &str| part.trim().parse::<f64>().map_err(|_| format!("{part:?} is no number"));
+        let number = |part: &str| part.trim().parse::<f64>().map_err(|_| format!("{part:?} is not a number"));
         let numbers = text.split(',').map(number).collect::<Result<Vec<_>, _>>()?;
         let three: [f64; 3] =
             numbers.try_into().map_err(|all: Vec<_>| format!("{} numbers; give x,y,z in mm", all.len()))?;
@@ -233,9 +233,9 @@ impl Camera {
                 .into_iter()
                 .find(|(_, v)| v.is_nan() || v.abs() > LARGEST_COEFFICIENT);
         if let Some((name, value)) = focal.or(centre) {
-            Some((name, format!("{value} is no number of pixels that a lens could have")))
+            Some((name, format!("{value} pixels is not plausible for a lens")))
         } else if let Some((name, value)) = lens {
-            Some((name, format!("{value} is no coefficient that a lens could have")))
+            Some((name, format!("{value} is not plausible for a lens")))
         } else if !(self.depth_scale_m.is_finite() && self.depth_scale_m > 0.0) {
             Some(("depth_scale_m", format!("{} is not above 0", self.depth_scale_m)))
         } else if self.depth_scale_m > 0.1 {
@@ -378,7 +378,7 @@ mod tests {
         assert_eq!(read("600,600,320,240,0.1,-0.2,0.001,0.002").expect("eight").distortion.k3, 0.0);
         for (text, part) in [
             ("600,600,320", "3 numbers"),
-            ("600,600,320,abc", "no number"),
+            ("600,600,320,abc", "not a number"),
             ("0,600,320,240", "fx"),
             ("600,600,320,240,nan,0,0,0,0", "k1"),
         ] {

@@ -79,7 +79,7 @@ const FOREIGN: &[Foreign] = &[
         help: "Give its numbers in scan.json: a camera as width, height, fx, fy, cx, cy, a transform as a 4x4 matrix row by row",
     },
     Foreign {
-        name: "a picture that holds no depth as it is read here",
+        name: "an image in a format that is not read as depth",
         extensions: &["jpg", "jpeg", "tif", "tiff", "exr", "pgm", "bmp"],
         mark: never,
         help: "Depth images are read as 16-bit greyscale PNG",

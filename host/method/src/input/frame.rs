@@ -121,7 +121,7 @@ fn among(
 fn evidence(raw: &Raw, at: Vector3<f64>, extent: &Extent) -> Result<String, String> {
     let n = raw.positions.len();
     if n < FEWEST {
-        return Err(format!("{n} points prove nothing"));
+        return Err(format!("{n} points are too few to decide"));
     }
     let rays: Vec<Vector3<f64>> = raw.positions.sample(SAMPLE).iter().map(|p| p - at).collect();
     let axis = optical_axis(&rays, at, extent)?;

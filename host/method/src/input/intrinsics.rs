@@ -122,7 +122,7 @@ fn azure_raw(cameras: &Value, size_px: [u32; 2], depth_scale_m: f64) -> Result<C
     let mode = AZURE_MODES.iter().find(|mode| mode.2 == size_px);
     let Some((side, [left, top], [width, height])) = mode.copied() else {
         let problem =
-            format!("the image is {}x{}, which no depth mode of Azure Kinect is", size_px[0], size_px[1]);
+            format!("the image is {}x{}, which is not a depth mode of Azure Kinect", size_px[0], size_px[1]);
         return Err((problem, "Give depth images as they come, not those moved into the colour camera"));
     };
     let distortion = Distortion { k1, k2, p1, p2, k3, k4, k5, k6 };

@@ -408,7 +408,7 @@ impl Job<'_> {
             );
         };
         if !entry.poses().is_empty() {
-            return self.bad(i, "base_from_flange", "a cloud in the base frame has no use for a pose");
+            return self.bad(i, "base_from_flange", "a cloud in the base frame needs no pose");
         }
         let at_mm = Vector3::from(camera_m) * 1000.0;
         self.check_reach(i, "camera_m", at_mm)?;

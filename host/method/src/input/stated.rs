@@ -41,7 +41,7 @@ pub(super) fn hold(stated: Option<StatedFrame>, scan: &mut Scan, path: &Path) ->
             return Ok(());
         }
         (Some(StatedFrame::Base), CloudFrame::Camera) => {
-            "the coordinates are those of the camera, and no pose says where it stood"
+            "the coordinates are in the camera's frame, and no pose gives its position"
         }
         (Some(StatedFrame::Camera), CloudFrame::Base) => {
             "its poses put the views into the robot's base frame"

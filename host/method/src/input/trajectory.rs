@@ -170,7 +170,7 @@ fn check_reading(views: &[View], poses: &[Isometry3<f64>], file: &Path) -> Resul
     let names: Vec<String> = views.iter().map(|view| view.name.clone()).collect();
     let readings = |_: &Trial| {
         let mut all = misreading::orders(&names, poses);
-        for (scale, words) in [(0.1, "a tenth of what was taken"), (10.0, "ten times what was taken")] {
+        for (scale, words) in [(0.1, "a tenth of what was assumed"), (10.0, "ten times what was assumed")] {
             let says = format!("each step of the images is {words}");
             let reading =
                 Reading::new(says, "Say with --depth-scale-m how many metres a step is", poses.to_vec());

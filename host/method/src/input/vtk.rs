@@ -24,7 +24,7 @@ pub(super) fn parse(bytes: &[u8], path: &Path, limit: Limit) -> Result<Raw, Erro
             ["ASCII"] => ascii = Some(true),
             ["BINARY"] => ascii = Some(false),
             ["POINTS", number, kind] => {
-                let none = || file.bad("neither ASCII nor BINARY is said before it".into());
+                let none = || file.bad("neither ASCII nor BINARY is stated before it".into());
                 let ascii = ascii.ok_or_else(none)?;
                 points = Some(file.points(number, kind, ascii)?);
             }

@@ -297,7 +297,7 @@ impl CameraFinding {
     pub fn warnings(&self) -> Vec<String> {
         let words = || {
             format!(
-                "camera: {}, taken out of all views; calibrate it with `weldpath calibrate`",
+                "camera: {}, corrected in all views; calibrate it with `weldpath calibrate`",
                 self.words()
             )
         };

@@ -159,7 +159,8 @@ impl Scene {
     pub(super) fn warning(&self) -> Option<String> {
         let nothing = self.background.is_some() && self.counts == [0, 0];
         nothing.then(|| {
-            "nothing of the scan lies on the background: was it scanned in the same frame, with the same hand-eye transform?"
+            "no point of the scan lies on the background: was it scanned in the same frame, with the same \
+             hand-eye transform?"
                 .into()
         })
     }

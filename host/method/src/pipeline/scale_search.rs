@@ -292,7 +292,7 @@ impl ScaleResult {
             }
             Answer::Known(id) => {
                 let words = format!(
-                    "the seam that was asked for between {ends} is seam {id}, which is there without asking"
+                    "the seam that was asked for between {ends} is seam {id}, which is found without asking"
                 );
                 self.found.warnings.push(words);
                 None

@@ -57,7 +57,7 @@ pub fn find(input: &Input, places_mm: &[Point3<f64>], known: &[Seam], config: &S
     let origin_mm = input.scan.merged.origin_mm;
     let places = places_mm.iter().map(|p| Point3::from((p - origin_mm).cast::<f32>())).collect();
     let Some(line) = AskedLine::new(places) else {
-        return Answer::Nothing("the places are one and the same: name two along the seam".into());
+        return Answer::Nothing("the places are identical: give two along the seam".into());
     };
     let taken =
         |seam: &Seam| -> Vec<Frame> { seam.stations.iter().map(|s| Frame::of(s, &origin_mm)).collect() };
@@ -193,7 +193,8 @@ impl Wish<'_> {
         describe: impl Fn(&Chain, &Refined) -> Seam,
     ) -> Result<Answer, Option<String>> {
         let mut missed = (!chains.is_empty()).then(|| {
-            "two faces meet there, but too little of them was scanned to fit a seam: scan it from nearer, or from more sides"
+            "two faces meet there, but too little of them was scanned to fit a seam: scan it from closer, or \
+             from more sides"
                 .to_owned()
         });
         let mut found: Vec<(f32, Answer)> = Vec::new();
@@ -257,7 +258,9 @@ impl Wish<'_> {
         if most > FLUSH_SHARE * near.len() as f32 {
             return "there is one face, or two that are flush, and no corner".into();
         }
-        "no two faces meet there in an inside corner: the edge is an outside one, or goes another way".into()
+        "no two faces meet there in an inside corner: the edge is an outside one, or runs in another \
+         direction"
+            .into()
     }
 }
 

@@ -128,10 +128,11 @@ pub(super) fn is_sure_if_asked(seam: &Seam) -> bool {
 /// What is said of a seam that is not.
 pub(super) fn left_out(seam: &Seam) -> String {
     if seam.length_mm() < LEAST_LENGTH_MM {
-        return format!("{} is too short to weld: see that the units are right", seam.as_inside_corner());
+        return format!("{} is too short to weld: check the units", seam.as_inside_corner());
     }
     format!(
-        "{} is too uncertain to weld (confidence {:.0} %, torch to {:.0} deg): scan it again from nearer, or from more sides",
+        "{} is too uncertain to weld (confidence {:.0} %, torch to {:.0} deg): scan it again from closer, or \
+         from more sides",
         seam.as_inside_corner(),
         100.0 * seam.confidence,
         seam.expected_error_deg

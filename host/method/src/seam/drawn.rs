@@ -445,7 +445,7 @@ impl<'a> Drawing<'a> {
 }
 
 fn same_place() -> String {
-    "the places are one and the same: name two along the seam".into()
+    "the places are identical: give two along the seam".into()
 }
 
 /// Where two faces meet in the plane across the line at a place.

@@ -22,7 +22,7 @@ pub fn cause_words(cause: Cause) -> &'static str {
     match cause {
         Cause::Hold => "hold was asked for",
         Cause::Stop => "stop was asked for",
-        Cause::EnableLost => "the enabling switch was let go",
+        Cause::EnableLost => "the enabling switch was released",
         Cause::Silence => "the pendant heard nothing from the host",
         Cause::Underrun => "waypoints did not arrive in time",
         Cause::StrikeTimeout => "the arc did not strike in time",
@@ -71,7 +71,7 @@ pub fn refusal_words(refusal: Refusal) -> String {
     match refusal {
         Refusal::State(state) => format!("not while the pendant is {}", state_words(state)),
         Refusal::Moving => "not while the torch moves".into(),
-        Refusal::Path => "it names another path than the loaded one".into(),
+        Refusal::Path => "it names a path other than the loaded one".into(),
         Refusal::NotEnabled => "the enabling switch is not held, or was not seen released before".into(),
         Refusal::EStop => "an emergency stop or another fault that only the reset button at the pendant clears".into(),
         Refusal::TooLong { capacity } => {

@@ -86,14 +86,14 @@ impl Script {
                  low, with that action.",
                 outputs(&setup.arc).map(|n| n.to_string()).collect::<Vec<_>>().join(", ")
             ),
-            "Not verified: what an output does when a paused program goes on, and whether action 1 outlives the \
-             program."
+            "Not verified: what an output does when a paused program resumes, and whether action 1 outlives \
+             the program."
                 .into(),
             "A program that is stopped during a weld ends on resume; the rest of the weld is another program.".into(),
             setup.arc_remark().into(),
         ];
         own.push(if setup.arc.established_input.is_none() {
-            "An output that switches on again when a paused program resumes would strike the arc, unseen \
+            "An output that switches on again when a paused program resumes would strike the arc, undetected \
              without that input: do not resume during a weld, stop the program."
                 .into()
         } else {

@@ -295,7 +295,7 @@ impl Problem {
         match self.shift_mm {
             Some(mm) if mm < 0.0 => format!("too far: it would have to be {:.0} mm nearer", -mm),
             Some(mm) => format!("too near: it would have to be {mm:.0} mm farther away"),
-            None => "and none would at another distance".into(),
+            None => "nor at any other distance".into(),
         }
     }
 

@@ -116,11 +116,11 @@ impl CalibrationSettings {
         }
         let lengths: Vec<usize> = self.covariance.iter().map(Vec::len).collect();
         if lengths != (1..=SHARED).collect::<Vec<_>>() {
-            return Some(("covariance", format!("{SHARED} rows of 1 to {SHARED} numbers are wanted")));
+            return Some(("covariance", format!("{SHARED} rows of 1 to {SHARED} numbers are needed")));
         }
         let is_covariance = self.covariance.iter().flatten().all(|value| value.is_finite())
             && self.calibration().covariance.cholesky().is_some();
-        (!is_covariance).then(|| ("covariance", "it is no covariance: not positive definite".into()))
+        (!is_covariance).then(|| ("covariance", "it is not a covariance: not positive definite".into()))
     }
 }
 

@@ -100,7 +100,7 @@ impl FrameSetting {
         let (number, name, register) = self.parts();
         let wrong = of_numbers(number, register, name).or_else(|| {
             let both = number.is_some() && name.is_some();
-            both.then(|| "a frame has a number or a name, whichever the controller knows".to_owned())
+            both.then(|| "a frame has a number or a name, whichever the controller uses".to_owned())
         });
         let unfit = || {
             unknown_to(dialects, "frames", number, name, |dialect| {
@@ -174,10 +174,10 @@ fn unknown_to(
 
 fn of_numbers(number: Option<u32>, register: Option<u32>, name: Option<&str>) -> Option<String> {
     if let Some(number) = number.filter(|number| *number > MOST_NUMBER) {
-        return Some(format!("{number} is no number of a frame or tool: 0 to {MOST_NUMBER}"));
+        return Some(format!("{number} is not a valid frame or tool number: 0 to {MOST_NUMBER}"));
     }
     if let Some(register) = register.filter(|register| !(1..=MOST_REGISTER).contains(register)) {
-        return Some(format!("{register} is no position register: 1 to {MOST_REGISTER}"));
+        return Some(format!("{register} is not a valid position register: 1 to {MOST_REGISTER}"));
     }
     let allowed = |c: char| c.is_ascii_alphanumeric() || c == '_';
     let is_name = |name: &str| {
@@ -185,6 +185,7 @@ fn of_numbers(number: Option<u32>, register: Option<u32>, name: Option<&str>) ->
     };
     let name = name.filter(|name| !is_name(name))?;
     Some(format!(
-        "{name:?} is no name on a controller: at most 32 letters, digits and underscores, a letter first"
+        "{name:?} is not a valid name on a controller: at most 32 letters, digits and underscores, a letter \
+         first"
     ))
 }

@@ -159,7 +159,7 @@ layer! {
 layer! {
     /// `[stitch]`: which stretches of a seam are welded.
     StitchSettings of "stitch" {
-        /// Which.
+        /// Which pattern.
         pattern: Pattern,
         /// Length of each stitch or tack.
         length_mm: StitchMm,
@@ -227,7 +227,7 @@ pub struct SeamSettings {
     /// The seam nearest to this place, mm, base frame; not together with `id`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub near_mm: Option<Place>,
-    /// The seam lies within this of `near_mm`; 200 mm if nothing is said.
+    /// The seam lies within this of `near_mm`; 200 mm by default.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub within_mm: Option<WithinMm>,
     /// Whether it is welded at all.

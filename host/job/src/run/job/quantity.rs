@@ -19,7 +19,7 @@ impl Range {
     fn check(&self, value: f64) -> Result<f64, String> {
         let Self { least, most, unit, .. } = self;
         if !value.is_finite() {
-            return Err(format!("{value} is not a number to work with; give {least} to {most}{unit}"));
+            return Err(format!("{value} is not a finite number; give {least} to {most}{unit}"));
         }
         if self.whole && value.fract() != 0.0 {
             return Err(format!("{value} is not a whole number; give {least} to {most}{unit}"));
@@ -401,7 +401,7 @@ impl TryFrom<String> for ProgramName {
             return Ok(Self(name));
         }
         Err(format!(
-            "{name:?} is no name for a robot program: at most 16 letters, digits and underscores, a letter first"
+            "{name:?} is not a valid program name: at most 16 letters, digits and underscores, a letter first"
         ))
     }
 }

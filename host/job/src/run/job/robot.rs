@@ -135,7 +135,7 @@ pub struct TorchBodySettings {
     pub body_length_mm: f64,
     /// Radius of the cable and its hoses about the flange of the robot.
     pub cable_radius_mm: f64,
-    /// Least distance that the torch shall keep from what was scanned.
+    /// Least distance that the torch keeps from what was scanned.
     pub keep_off_mm: f64,
 }
 
@@ -194,7 +194,7 @@ impl RobotSettings {
     fn floor_fault(&self) -> Option<Fault> {
         let why = match self.floor_z_mm {
             Some(FloorHeight::At(z_mm)) if !(-100_000.0..=100_000.0).contains(&z_mm) => {
-                format!("{z_mm} mm is no height of a floor")
+                format!("{z_mm} mm is not a valid floor height")
             }
             Some(_) => return None,
             None if self.opw.is_some() => {
@@ -215,7 +215,8 @@ impl RobotSettings {
     fn home_fault(&self) -> Option<Fault> {
         let Some(home_deg) = self.home_deg else {
             let asks = self.end == ProgramEnd::Home;
-            return asks.then(|| ("end", "to end at home the job has to say where that is: home_deg".into()));
+            return asks
+                .then(|| ("end", "to end at home, the job has to state where that is: home_deg".into()));
         };
         let arm = self.arm()?;
         let Some(counting) = arm.counting else {
@@ -343,7 +344,7 @@ impl OpwSettings {
         ];
         let long = |(_, mm): &&(&str, f64)| !(-10_000.0..=10_000.0).contains(mm);
         if let Some((key, mm)) = lengths.iter().find(long) {
-            return Some((key, format!("{mm} mm is no length of an arm; at most 10000 mm")));
+            return Some((key, format!("{mm} mm is not a valid arm length; at most 10000 mm")));
         }
         let arms = self.c2_mm > 0.0 && self.c3_mm > 0.0;
         let rules = [

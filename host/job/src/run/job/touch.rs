@@ -15,7 +15,7 @@ use weldpath_method::pipeline::touch::Touch;
 pub struct TouchSettings {
     /// Where the tip was, mm, base frame.
     pub at_mm: Place,
-    /// Id of the seam that it touched; the nearest if nothing is said.
+    /// Id of the seam that it touched; by default the nearest.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub seam: Option<usize>,
     /// One standard deviation, each axis.
@@ -42,7 +42,7 @@ impl TouchSettings {
         let touches: Vec<Self> = rows.filter(|row| !is_head(row)).map(touch).collect::<Result<_, _>>()?;
         if touches.is_empty() {
             return Err(format!(
-                "{}: no touch is in it; write x,y,z[,seam] in mm, one in a line",
+                "{}: it holds no touch; write x,y,z[,seam] in mm, one per line",
                 path.display()
             ));
         }
@@ -67,7 +67,7 @@ impl FromStr for TouchSettings {
             }
         };
         let at_mm = place.map(|value| *value).join(",").parse()?;
-        let number = |seam: &str| seam.parse().map_err(|_| format!("{seam:?} is no seam's number"));
+        let number = |seam: &str| seam.parse().map_err(|_| format!("{seam:?} is not a seam number"));
         Ok(Self { at_mm, seam: seam.map(number).transpose()?, sigma_mm: TouchMm::default() })
     }
 }

@@ -233,8 +233,8 @@ fn blocked(strand: &Strand) -> (f64, Vec<String>) {
     let share = blocked().map(|(_, length)| length).sum::<f64>() / strand.length_mm();
     let nearest = blocked().map(|(mm, _)| mm).fold(f64::INFINITY, f64::min);
     let warning = format!(
-        "along the bisector of the faces the work itself stands in the torch's way, {nearest:.0} mm from the seam, on {:.0} % of \
-         the length: lean the torch",
+        "along the bisector of the faces the work itself is in the torch's way, {nearest:.0} mm from the \
+         seam, on {:.0} % of the length: lean the torch",
         100.0 * share
     );
     (share, if share > 0.0 { vec![warning] } else { Vec::new() })
