@@ -29,6 +29,9 @@ pub(super) fn result(plan: &Plan, output: &Output, source: &Source, out: &Path, 
         let notes = output.summary.notes(seam.id).iter();
         notes.for_each(|note| line(&mut text, &format!("seam {}: {note}", seam.id)));
     }
+    if plan.seams.iter().any(|seam| seam.base_error_mm.is_nan()) {
+        line(&mut text, OF_SCAN_ALONE);
+    }
     unwelded(&mut text, plan, verbose);
     for note in &source.notes {
         line(&mut text, note);
@@ -51,6 +54,10 @@ pub(super) fn result(plan: &Plan, output: &Output, source: &Source, out: &Path, 
     line(&mut text, &format!("{}: {}", out.display(), names.join(", ")));
     text
 }
+
+/// What the expected error of a cloud or a mesh leaves out.
+const OF_SCAN_ALONE: &str =
+    "expected error: of the scan alone; how exactly it lies in the robot's base frame is not known";
 
 /// Inside corners that are no seams: all of them, or how many there are off the table.
 fn unwelded(text: &mut String, plan: &Plan, verbose: bool) {

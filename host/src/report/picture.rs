@@ -1,6 +1,6 @@
 //! `report.svg`: the work from four sides without a browser: points, seams with ids, torch directions, scale bars.
 //!
-//! Parallel projection, base frame, mm. The points are one embedded PNG a view ([`raster`]); all else is drawn.
+//! Parallel projection, frame of the scan, mm. The points are one embedded PNG a view ([`raster`]); all else is drawn.
 
 mod raster;
 
@@ -13,6 +13,7 @@ use base64::engine::general_purpose::STANDARD;
 use nalgebra::{Point2, Point3, Vector2, Vector3};
 use rayon::prelude::*;
 use std::fmt::Write;
+use weldpath_job::output::frame::PathFrame;
 use weldpath_job::output::verdict::ReasonId;
 use weldpath_method::seam::{Seam, Unwelded};
 
@@ -109,6 +110,11 @@ fn head(run: &Run, width: f64, height: f64) -> String {
         run.output.summary.warnings().len() + run.plan.seams.iter().map(|s| s.warnings.len()).sum::<usize>();
     let count = |n: usize, what: &str| format!("{n} {what}{}", if n == 1 { "" } else { "s" });
     let (seams, warnings) = (count(seams, "seam"), count(warnings, "warning"));
+    let frame = match run.output.summary.frame() {
+        PathFrame::Base => "base frame",
+        PathFrame::Camera => "the camera's frame",
+        PathFrame::Unknown => "the scan's own frame",
+    };
     let xmlns = "http://www.w3.org/2000/svg";
     format!(
         "<svg xmlns=\"{xmlns}\" width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {width} {height}\" \
@@ -117,7 +123,7 @@ fn head(run: &Run, width: f64, height: f64) -> String {
          <defs><clipPath id=\"view\"><rect width=\"{WIDTH}\" height=\"{HEIGHT}\" rx=\"6\"/></clipPath></defs>\n\
          <rect width=\"100%\" height=\"100%\" fill=\"#ffffff\"/>\n\
          <text x=\"{GAP}\" y=\"33\" font-size=\"20\" font-weight=\"600\">{title}</text>\n\
-         <text x=\"{}\" y=\"33\" text-anchor=\"end\" fill=\"#5b6675\">{seams}, {warnings}; base frame, mm</text>\n",
+         <text x=\"{}\" y=\"33\" text-anchor=\"end\" fill=\"#5b6675\">{seams}, {warnings}; {frame}, mm</text>\n",
         width - GAP
     )
 }
@@ -168,10 +174,15 @@ fn assumed(text: &mut String, run: &Run) {
     let reasons = &run.output.summary.verdict().reasons;
     let notes = ASSUMED.iter().filter(|(id, _)| reasons.iter().any(|reason| reason.id == *id));
     for (k, (_, words)) in notes.enumerate() {
-        let y = 51.0 + 20.0 * k as f64;
+        let y = 51.0 + 24.0 * k as f64;
         add(
             text,
-            format_args!("<text x=\"11\" y=\"{y}\" fill=\"#a85a00\" font-weight=\"600\">{words}</text>\n"),
+            format_args!(
+                "<rect x=\"8\" y=\"{}\" width=\"{}\" height=\"22\" rx=\"4\" fill=\"#ffffff\" fill-opacity=\"0.85\"/>\
+                 <text x=\"15\" y=\"{y}\" fill=\"#a85a00\" font-weight=\"600\">{words}</text>\n",
+                y - 15.5,
+                16 + 7 * words.len(),
+            ),
         );
     }
 }
@@ -180,13 +191,16 @@ fn voxel_mm(run: &Run) -> f64 {
     run.plan.derived.parameters.iter().find(|d| d.name == "voxel_mm").map_or(1.0, |d| d.value)
 }
 
+/// Colour of inside corners that are no seams.
+const UNWELDED: &str = "#b36b00";
+
 /// An inside corner that is no seam.
 fn thin_line(text: &mut String, corner: &Unwelded, projection: &Projection) {
     let points = points(corner.line_mm.iter(), projection);
     add(
         text,
         format_args!(
-            "<polyline fill=\"none\" stroke=\"#b36b00\" stroke-width=\"1.4\" points=\"{points}\"/>\n"
+            "<polyline fill=\"none\" stroke=\"{UNWELDED}\" stroke-width=\"1.4\" points=\"{points}\"/>\n"
         ),
     );
 }
@@ -299,6 +313,18 @@ fn scale_bar(text: &mut String, px_per_mm: f64) {
 }
 
 fn legend(text: &mut String, run: &Run, top: f64) {
+    if !run.plan.unwelded.is_empty() {
+        let y = top + ROW * run.plan.seams.len() as f64;
+        add(
+            text,
+            format_args!(
+                "<rect x=\"{GAP}\" y=\"{}\" width=\"14\" height=\"2\" fill=\"{UNWELDED}\"/>\
+                 <text x=\"{}\" y=\"{y}\">inside corners that are no seams: summary.json says why</text>\n",
+                y - 6.0,
+                GAP + 24.0,
+            ),
+        );
+    }
     for (k, seam) in run.plan.seams.iter().enumerate() {
         let y = top + ROW * k as f64;
         let joint = run.output.summary.joint(seam.id).unwrap_or(seam.joint).name();

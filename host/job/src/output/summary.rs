@@ -285,6 +285,11 @@ impl Summary {
         &self.warnings
     }
 
+    /// Whose frame all poses and positions are in.
+    pub fn frame(&self) -> PathFrame {
+        self.source.frame
+    }
+
     /// Welding positions of the seam with this id.
     pub fn positions(&self, id: usize) -> &[Position] {
         self.seams.iter().find(|seam| seam.id == id).map_or(&[], |seam| &seam.positions)

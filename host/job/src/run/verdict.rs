@@ -328,6 +328,10 @@ fn of_base_frame(plan: &Plan) -> Option<Finding> {
     let ratio = |seam: &&Seam| seam.base_error_mm / limit_mm(seam);
     let worst = plan.seams.iter().max_by(|a, b| ratio(a).total_cmp(&ratio(b)))?;
     let words = || {
+        let of_others = match plan.seams.iter().filter(|seam| ratio(seam) > 1.0).count() {
+            0 | 1 => String::new(),
+            over => format!("; it is the worst of {over} seams over their limit"),
+        };
         let more = match cell {
             Some(cell) if cell.is_scattered() => format!(
                 "; the reported poses scatter by {:.1} mm and {:.2} deg, more than the stated accuracy of \
@@ -339,7 +343,7 @@ fn of_base_frame(plan: &Plan) -> Option<Finding> {
         };
         format!(
             "the tip may be off by {:.1} mm (one standard deviation) in the robot's base frame, over {:.2} mm, and by {:.2} mm \
-             within the scan{more}",
+             within the scan{of_others}{more}",
             worst.base_error_mm,
             limit_mm(worst),
             worst.relative_error_mm,

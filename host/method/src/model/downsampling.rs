@@ -56,7 +56,7 @@ pub struct Scale {
     pub spacing_mm: f32,
     /// Noise of the points, mm.
     pub noise_mm: f32,
-    /// Whether few cameras looked, from several sides, so that a face that one of them saw is thin beside others.
+    /// Whether cameras looked from several sides, so that a face that one of them saw is thin beside others.
     from_sides: bool,
     /// Which of the lengths decided `edge_mm`.
     pub how: &'static str,
@@ -132,9 +132,6 @@ const CROSSED: f32 = 9.0;
 const AT_A_SLANT: f32 = 0.3;
 /// Cosine between the ways to cameras that look from several sides, 45 degrees: from one side all see the same faces.
 const ONE_SIDE: f32 = 0.7;
-/// Of more views than this, two see each face of a part that is to be welded, as a rule; what one of them alone saw, such as the foot
-/// inside a pipe over its rim, is seen at its worst there.
-const FEW_VIEWS: usize = 4;
 /// A spacing this small is none to divide by, mm.
 const LEAST_SPACING_MM: f32 = 1e-6;
 /// Share of the points of its fullest neighbour that a voxel of one surface holds: of the one or two points that a voxel
@@ -172,12 +169,12 @@ fn extent_mm(merged: &Merged) -> f32 {
     Vector3::new(span(0), span(1), span(2)).norm()
 }
 
-/// Whether few cameras are known to have looked at the middle of a cloud, and two of them from different sides.
+/// Whether cameras are known to have looked at the middle of a cloud, two of them from different sides.
 fn is_from_sides(merged: &Merged) -> bool {
     // Positions are about the middle of the cloud.
     let ways: Vec<_> = merged.cameras_mm.iter().filter_map(|at| at.coords.try_normalize(1.0)).collect();
     let apart = |k: usize| ways[..k].iter().any(|other| other.dot(&ways[k]) < ONE_SIDE);
-    !merged.cameras_unknown && ways.len() <= FEW_VIEWS && (1..ways.len()).any(apart)
+    !merged.cameras_unknown && (1..ways.len()).any(apart)
 }
 
 /// A thinned cloud.

@@ -54,7 +54,7 @@ impl Orientation {
                 100.0 * (1.0 - share)
             )
         } else if share < 1.0 - AGREES {
-            "the normals in the file point into the material: they were turned over".into()
+            "the normals in the file point into the material: they were flipped".into()
         } else {
             format!(
                 "the normals in the file point to both sides ({:.0} % to the air): their sides were determined by visibility from \

@@ -87,6 +87,7 @@ impl Wish<'_> {
         let corners = self.config.corner.for_scan(&self.input.scan);
         let eased = CornerConfig { angle_deg: EASED_DEG, least_share: EASED_SHARE, ..corners };
         let mut candidates = scores.candidates();
+        let searched = self.off_table(corner::corners_at(&self.input.model, &candidates, &corners)).0;
         candidates.retain(|&k| self.is_near(k));
         let clear = self.corners(&candidates, &corners);
         let all = self.corners(&near, &eased);
@@ -95,10 +96,15 @@ impl Wish<'_> {
             shortest_end_voxels: SHORTEST_VOXELS,
             ..self.config.trace
         };
-        let attempts = [(&clear.0, trace), (&all.0, trace), (&all.0, trace.blurred())];
+        // First as the search strings them: a line that was clicked cuts the corners of a curved seam.
+        let attempts =
+            [(&searched, self.config.trace), (&clear.0, trace), (&all.0, trace), (&all.0, trace.blurred())];
         let mut missed = None;
         for (corners, trace) in attempts {
-            match self.best(&traced(self.input, corners, &trace)) {
+            let mut chains = traced(self.input, corners, &trace);
+            chains
+                .retain(|chain| chain.links.iter().any(|link| self.line.away_mm(&link.position) <= MEANT_MM));
+            match self.best(&chains) {
                 Err(why) => missed = missed.or(why),
                 Ok(Answer::Found(lap)) if lap.joint == Joint::Lap => return self.better_by_step(lap),
                 Ok(answer) => return answer,
@@ -134,11 +140,14 @@ impl Wish<'_> {
     fn corners(&self, at: &[usize], config: &CornerConfig) -> (Vec<InsideCorner>, Vec<InsideCorner>) {
         let mut corners = corner::corners_at(&self.input.model, at, config);
         corners.retain(|c| self.line.may_mean(&c.position, &c.direction));
+        self.off_table(corners)
+    }
+
+    fn off_table(&self, corners: Vec<InsideCorner>) -> (Vec<InsideCorner>, Vec<InsideCorner>) {
         let table = self.table();
         let is_on_table =
             |c: &InsideCorner| table.is_some_and(|t| c.faces.iter().any(|face| t.is_face(face, &c.position)));
-        let (on, off): (Vec<_>, Vec<_>) = corners.into_iter().partition(is_on_table);
-        (off, on)
+        corners.into_iter().partition(|corner| !is_on_table(corner))
     }
 
     /// The table, if it is one: the lowest plane of a cropped cloud is part of the work.

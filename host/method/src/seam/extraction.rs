@@ -63,11 +63,13 @@ pub fn find(input: &Input, config: &SeamConfig) -> Found {
     let corners = Corners::parted(corner::corners(&input.model, &scores, &corner_config), |c| {
         table.is_some_and(|t| c.faces.iter().any(|face| t.is_face(face, &c.position)))
     });
-    let seams = corner_seams(input, &corners, config);
+    let found = corner_seams(input, &corners, config);
     let most_error_mm = if input.cues.blurred { BLURRED_ERROR_VOXELS * f64::from(v) } else { f64::INFINITY };
-    let (mut seams, mut unsure): (Vec<Seam>, Vec<Seam>) = seams
-        .into_iter()
-        .partition(|seam| is_sure(&input.scan, seam) && seam.relative_error_mm < most_error_mm);
+    let (mut seams, mut unsure) = (Vec::new(), Vec::new());
+    for (seam, is_seen_alone) in found {
+        let is_sure = is_sure(&input.scan, &seam, is_seen_alone) && seam.relative_error_mm < most_error_mm;
+        if is_sure { seams.push(seam) } else { unsure.push(seam) }
+    }
     let is_lap = |seam: &Seam| seam.joint == Joint::Lap;
     if input.cues.steps && (seams.is_empty() || seams.iter().any(is_lap)) {
         let mut steps = step_seams(input, table.as_ref(), config);
@@ -168,8 +170,8 @@ pub(super) fn traced(input: &Input, corners: &[InsideCorner], config: &TraceConf
     chains.into_iter().chain(round_corners).collect()
 }
 
-/// Seams where two faces meet in an inside corner, sure or not.
-fn corner_seams(input: &Input, corners: &Corners, config: &SeamConfig) -> Vec<Seam> {
+/// Seams where two faces meet in an inside corner, sure or not, and whether one view alone saw a face of them.
+fn corner_seams(input: &Input, corners: &Corners, config: &SeamConfig) -> Vec<(Seam, bool)> {
     let mut chains = corners.chains(input, &config.trace);
     if chains.is_empty() && input.cues.blurred {
         chains = traced(input, &corners.off_table, &config.trace.blurred());
@@ -178,7 +180,10 @@ fn corner_seams(input: &Input, corners: &Corners, config: &SeamConfig) -> Vec<Se
     let refined = refined.into_iter().map(|(chain, seam)| (chain.clone(), seam)).collect();
     let refined = bend::joined(refined, input.model.index, input.model.voxel_mm());
     let most_mm = config.refine.reach * input.model.voxel_mm();
-    refined.iter().map(|(chain, seam)| corner_seam(input, chain, seam, most_mm)).collect()
+    let seam = |(chain, seam): &(Chain, Refined)| {
+        (corner_seam(input, chain, seam, most_mm), expected::is_seen_alone(seam))
+    };
+    refined.iter().map(seam).collect()
 }
 
 /// Every chain refined, each stretch of corner in one of them only.
@@ -277,7 +282,7 @@ fn step_seams(input: &Input, table: Option<&Support>, config: &SeamConfig) -> Ve
         let mut seams: Vec<Seam> =
             refined.iter().map(|(chain, seam)| step_seam(input, chain, seam)).collect();
         seams.retain(|seam| {
-            is_sure(&input.scan, seam) && seam.relative_error_mm < STEP_ERROR_VOXELS * f64::from(v)
+            is_sure(&input.scan, seam, false) && seam.relative_error_mm < STEP_ERROR_VOXELS * f64::from(v)
         });
         seams
     };

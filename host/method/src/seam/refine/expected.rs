@@ -169,6 +169,20 @@ fn mean_shares(seam: &Refined, views: usize) -> Vec<f64> {
     mean
 }
 
+/// Share of a face's points from which on one view alone saw it.
+const ALONE: f32 = 0.9;
+
+/// Whether one view alone saw one of its faces, for the most part.
+pub(crate) fn is_seen_alone(seam: &Refined) -> bool {
+    let is_alone = |shares: &Vec<f32>| shares.iter().any(|share| *share > ALONE);
+    let (mut stations, mut alone) = (0, [0, 0]);
+    for (_, shares) in sampled(seam) {
+        stations += 1;
+        alone.iter_mut().zip(shares).for_each(|(count, shares)| *count += usize::from(is_alone(shares)));
+    }
+    alone.iter().any(|count| 2 * count > stations)
+}
+
 /// Variances that the poses of the views leave at a seam.
 fn registered(seam: &Refined, errors: &PoseErrors<'_>) -> Poses {
     let mut poses = Poses::default();
