@@ -128,7 +128,8 @@ fn points_too_far_apart_say_how_near_they_have_to_be() {
     let Err(error @ PlanError::TooSparse { .. }) = plan(&scan) else { panic!("no refusal") };
     let words = error.to_string();
     assert!(words.contains("mm apart") && words.contains("at most 2 mm"), "{words}");
-    let apart: f64 = words.split("the points are ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
+    let apart: f64 =
+        words.split("the points are ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
     // 4.5 mm to the nearest point and 9.9 mm to the fourth, as scipy counts; the README calls it 6 mm.
     assert!((4.5..10.0).contains(&apart), "{words}");
 }
