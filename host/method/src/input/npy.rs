@@ -100,7 +100,7 @@ impl<'a> Array<'a> {
             .map(str::parse)
             .collect::<Result<_, _>>()
             .map_err(|_| bad(path, format!("its shape is ({shape})")))?;
-        let (order, kind) = descr.split_at(descr.len().min(1));
+        let (order, kind) = descr.split_at_checked(1).unwrap_or(("", descr));
         let kind = match kind {
             "f4" => Kind::Float(4),
             "f8" => Kind::Float(8),
@@ -219,6 +219,8 @@ mod tests {
             (npy("<f8", false, "4000000000, 3", &[0; 24]), "12000000000"),
             (npy("<f8", false, "99999999999, 99999999999, 3", &[0; 24]), "too large"),
             (npy("|O", false, "1, 3", &[0; 24]), "|O"),
+            (npy("\u{796}8", false, "1, 3", &[0; 24]), "\u{796}8"),
+            (npy("", false, "1, 3", &[0; 24]), "of the type"),
             (MARK.to_vec(), "ends within"),
         ] {
             let error = read(&bytes).unwrap_err().to_string();
