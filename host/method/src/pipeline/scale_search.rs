@@ -11,7 +11,7 @@ use crate::model::downsampling;
 use crate::model::downsampling::{Scale, Voxels};
 use crate::model::orientation::{self, Orientation};
 use crate::model::reconstruction::Registration;
-use crate::seam::asked::{self, Answer};
+use crate::seam::asked::{self, Answer, Shared};
 use crate::seam::drawn;
 use crate::seam::score::{edges, paper};
 use crate::seam::trace::support;
@@ -153,10 +153,11 @@ impl ScaleSearch<'_> {
     /// Puts the seams that were asked for behind those that were found: the numbers of these stay as they are. Says of those that
     /// are not there why.
     fn ask(&self, asked: &[Vec<Point3<f64>>], result: &mut ScaleResult) -> Vec<String> {
-        let mut unmet = Vec::new();
+        let (mut unmet, shared) = (Vec::new(), Shared::default());
         for places_mm in asked {
             let input = self.input(result);
-            let answer = match asked::find(&input, places_mm, &result.found.seams, &self.config.seam) {
+            let answer = match asked::find(&input, &shared, places_mm, &result.found.seams, &self.config.seam)
+            {
                 Answer::Found(seam) => {
                     result.sided(*seam).map_or_else(Answer::Nothing, |seam| Answer::Found(seam.into()))
                 }

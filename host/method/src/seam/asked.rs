@@ -14,7 +14,7 @@ use super::extraction::{
 use super::input::Input;
 use super::refine::frame::Frame;
 use super::refine::{Refined, layers, overlap};
-use super::score::edges;
+use super::score::edges::{self, Scores};
 use super::trace::chain::TraceConfig;
 use super::trace::corner::{self, CornerConfig};
 use super::trace::step::{self, StepModel};
@@ -52,8 +52,23 @@ const ONE_WAY: f32 = 0.94;
 /// Fewer points about the line show no face.
 const LEAST_POINTS: usize = 20;
 
+/// What all wishes of one plan ask of the same cloud: made once, where the first asks.
+#[derive(Default)]
+pub struct Shared {
+    scores: OnceCell<Scores>,
+    table: OnceCell<Option<Support>>,
+    /// The chains of the search.
+    chains: OnceCell<Vec<Chain>>,
+}
+
 /// The seam along a line of places, mm, base frame, that is none of those that are `known`.
-pub fn find(input: &Input, places_mm: &[Point3<f64>], known: &[Seam], config: &SeamConfig) -> Answer {
+pub fn find(
+    input: &Input,
+    shared: &Shared,
+    places_mm: &[Point3<f64>],
+    known: &[Seam],
+    config: &SeamConfig,
+) -> Answer {
     let origin_mm = input.scan.merged.origin_mm;
     let places = places_mm.iter().map(|p| Point3::from((p - origin_mm).cast::<f32>())).collect();
     let Some(line) = AskedLine::new(places) else {
@@ -62,18 +77,17 @@ pub fn find(input: &Input, places_mm: &[Point3<f64>], known: &[Seam], config: &S
     let taken =
         |seam: &Seam| -> Vec<Frame> { seam.stations.iter().map(|s| Frame::of(s, &origin_mm)).collect() };
     let known = known.iter().map(|seam| (seam.id, taken(seam))).collect();
-    let wish = Wish { input, line, known, config, table: OnceCell::new() };
+    let wish = Wish { input, shared, line, known, config };
     wish.answer()
 }
 
 /// A wish for a seam, and where it is looked for.
 struct Wish<'a> {
     input: &'a Input<'a>,
+    shared: &'a Shared,
     line: AskedLine,
     known: Vec<(usize, Vec<Frame>)>,
     config: &'a SeamConfig,
-    /// Sought once, when it is asked for.
-    table: OnceCell<Option<Support>>,
 }
 
 impl Wish<'_> {
@@ -83,11 +97,9 @@ impl Wish<'_> {
         if near.len() < LEAST_POINTS {
             return Answer::Nothing(format!("no surface was scanned within {REACH_MM} mm of that line"));
         }
-        let scores = edges::score(&self.input.model);
         let corners = self.config.corner.for_scan(&self.input.scan);
         let eased = CornerConfig { angle_deg: EASED_DEG, least_share: EASED_SHARE, ..corners };
-        let mut candidates = scores.candidates();
-        let searched = self.off_table(corner::corners_at(&self.input.model, &candidates, &corners)).0;
+        let mut candidates = self.scores().candidates();
         candidates.retain(|&k| self.is_near(k));
         let clear = self.corners(&candidates, &corners);
         let all = self.corners(&near, &eased);
@@ -96,14 +108,11 @@ impl Wish<'_> {
             shortest_end_voxels: SHORTEST_VOXELS,
             ..self.config.trace
         };
+        let near_by = [(&clear.0, trace), (&all.0, trace), (&all.0, trace.blurred())];
+        let near_by = near_by.into_iter().map(|(corners, trace)| traced(self.input, corners, &trace));
         // First as the search strings them: a line that was clicked cuts the corners of a curved seam.
-        let attempts =
-            [(&searched, self.config.trace), (&clear.0, trace), (&all.0, trace), (&all.0, trace.blurred())];
         let mut missed = None;
-        for (corners, trace) in attempts {
-            let mut chains = traced(self.input, corners, &trace);
-            chains
-                .retain(|chain| chain.links.iter().any(|link| self.line.away_mm(&link.position) <= MEANT_MM));
+        for chains in std::iter::once(self.searched(&corners)).chain(near_by) {
             match self.best(&chains) {
                 Err(why) => missed = missed.or(why),
                 Ok(Answer::Found(lap)) if lap.joint == Joint::Lap => return self.better_by_step(lap),
@@ -140,10 +149,26 @@ impl Wish<'_> {
     fn corners(&self, at: &[usize], config: &CornerConfig) -> (Vec<InsideCorner>, Vec<InsideCorner>) {
         let mut corners = corner::corners_at(&self.input.model, at, config);
         corners.retain(|c| self.line.may_mean(&c.position, &c.direction));
-        self.off_table(corners)
+        self.parted(corners)
     }
 
-    fn off_table(&self, corners: Vec<InsideCorner>) -> (Vec<InsideCorner>, Vec<InsideCorner>) {
+    /// The chains of the search that come near to the line.
+    fn searched(&self, config: &CornerConfig) -> Vec<Chain> {
+        let chains = self.shared.chains.get_or_init(|| {
+            let corners = corner::corners(&self.input.model, self.scores(), config);
+            traced(self.input, &self.parted(corners).0, &self.config.trace)
+        });
+        let is_near =
+            |chain: &&Chain| chain.links.iter().any(|link| self.line.away_mm(&link.position) <= MEANT_MM);
+        chains.iter().filter(is_near).cloned().collect()
+    }
+
+    fn scores(&self) -> &Scores {
+        self.shared.scores.get_or_init(|| edges::score(&self.input.model))
+    }
+
+    /// Those off the table, and those on it.
+    fn parted(&self, corners: Vec<InsideCorner>) -> (Vec<InsideCorner>, Vec<InsideCorner>) {
         let table = self.table();
         let is_on_table =
             |c: &InsideCorner| table.is_some_and(|t| c.faces.iter().any(|face| t.is_face(face, &c.position)));
@@ -157,7 +182,7 @@ impl Wish<'_> {
             let support = scan.has_whole_views().then(|| support::find(self.input.scene)).flatten();
             support.filter(|support| support.is_table(scan))
         };
-        self.table.get_or_init(find).as_ref()
+        self.shared.table.get_or_init(find).as_ref()
     }
 
     /// The chain that lies best, refined; why there is none, if something was there.
