@@ -24,6 +24,11 @@ impl Columns {
         (0..self.len).step_by(LANES)
     }
 
+    /// Which of eight of them from `first` on are there, a bit for each: the others repeat the last one.
+    pub(crate) fn present(&self, first: usize) -> u32 {
+        (1 << (self.len - first).min(LANES)) - 1
+    }
+
     /// The component along `way` of eight of them, from `first` on.
     #[inline(always)]
     pub(crate) fn along(&self, first: usize, way: &Vector3<f32>) -> f32x8 {

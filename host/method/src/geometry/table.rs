@@ -43,7 +43,8 @@ fn consensus(points: &[Vector3<f32>], half_mm: f32) -> Option<(Vector3<f32>, f32
         let level_mm = normal.dot(&a);
         let near =
             |first: usize| (columns.along(first, &normal) - level_mm).abs().simd_lt(f32x8::splat(half_mm));
-        let near: u32 = columns.eights().map(|first| near(first).to_bitmask().count_ones()).sum();
+        let count = |first| (near(first).to_bitmask() & columns.present(first)).count_ones();
+        let near: u32 = columns.eights().map(count).sum();
         Some((near, (normal, level_mm)))
     };
     let all: Vec<_> = (0..TRIPLES).into_par_iter().filter_map(triple).collect();

@@ -116,13 +116,14 @@ fn spread(voxels: &Voxels, votes: &[f32]) -> (Vec<Vector3<f32>>, Vec<bool>) {
     let mut normals: Vec<Vector3<f32>> = voxels.cloud.normals.iter().zip(votes).map(turn).collect();
     // By likeness, whose bits are ordered as it is, then by place: the order does not depend on chance.
     let mut queue: BinaryHeap<(u32, Reverse<(usize, usize)>)> = BinaryHeap::new();
-    let alike =
-        |from: usize, to: usize, normals: &[Vector3<f32>]| normals[from].dot(&normals[to]).abs().to_bits();
+    let step = |from: usize, to: usize, normals: &[Vector3<f32>]| {
+        (normals[from].dot(&normals[to]).abs().to_bits(), Reverse((to, from)))
+    };
     for to in (0..points.len()).filter(|&i| unknown[i]) {
         grid.within(&points[to], reach_mm, |slot, _| {
             let from = grid.index(slot);
             if !unknown[from] {
-                queue.push((alike(from, to, &normals), Reverse((to, from))));
+                queue.push(step(from, to, &normals));
             }
         });
     }
@@ -134,7 +135,7 @@ fn spread(voxels: &Voxels, votes: &[f32]) -> (Vec<Vector3<f32>>, Vec<bool>) {
             grid.within(&points[to], reach_mm, |slot, _| {
                 let next = grid.index(slot);
                 if unknown[next] {
-                    queue.push((alike(to, next, &normals), Reverse((next, to))));
+                    queue.push(step(to, next, &normals));
                 }
             });
         }
