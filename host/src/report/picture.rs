@@ -148,14 +148,7 @@ fn view(run: &Run, colours: &[[f32; 3]], name: &str, projection: &Projection) ->
         }
     });
     run.plan.seams.iter().for_each(|seam| label(text, seam, projection));
-    add(
-        text,
-        format_args!(
-            "<rect x=\"8\" y=\"8\" width=\"{}\" height=\"22\" rx=\"4\" fill=\"#ffffff\" fill-opacity=\"0.85\"/>\
-         <text x=\"15\" y=\"23.5\">{name}</text>",
-            16 + 7 * name.len()
-        ),
-    );
+    backed(text, 8.0, name, "");
     assumed(text, run);
     axes(text, projection);
     scale_bar(text, projection.px_per_mm);
@@ -174,17 +167,21 @@ fn assumed(text: &mut String, run: &Run) {
     let reasons = &run.output.summary.verdict().reasons;
     let notes = ASSUMED.iter().filter(|(id, _)| reasons.iter().any(|reason| reason.id == *id));
     for (k, (_, words)) in notes.enumerate() {
-        let y = 51.0 + 24.0 * k as f64;
-        add(
-            text,
-            format_args!(
-                "<rect x=\"8\" y=\"{}\" width=\"{}\" height=\"22\" rx=\"4\" fill=\"#ffffff\" fill-opacity=\"0.85\"/>\
-                 <text x=\"15\" y=\"{y}\" fill=\"#a85a00\" font-weight=\"600\">{words}</text>\n",
-                y - 15.5,
-                16 + 7 * words.len(),
-            ),
-        );
+        backed(text, 35.5 + 24.0 * k as f64, words, " fill=\"#a85a00\" font-weight=\"600\"");
     }
+}
+
+/// Words on a light ground, which begins at `top`, px.
+fn backed(text: &mut String, top: f64, words: &str, style: &str) {
+    add(
+        text,
+        format_args!(
+            "<rect x=\"8\" y=\"{top}\" width=\"{}\" height=\"22\" rx=\"4\" fill=\"#ffffff\" fill-opacity=\"0.85\"/>\
+             <text x=\"15\" y=\"{}\"{style}>{words}</text>\n",
+            16 + 7 * words.len(),
+            top + 15.5,
+        ),
+    );
 }
 
 fn voxel_mm(run: &Run) -> f64 {
