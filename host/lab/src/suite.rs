@@ -31,7 +31,7 @@ const COVER_MM: f64 = 2.0;
 const TORCH_DEG: f64 = 50.0;
 /// A path runs along a weld whose direction is within 45 degrees of its own.
 const ALONG_COS: f64 = std::f64::consts::FRAC_1_SQRT_2;
-/// A path point farther than this from every weld is false, mm.
+/// A path point farther than this from every weld is false, and a corner that is farther from a weld does not name it, mm.
 const FALSE_MM: f64 = 5.0;
 
 /// A plan against the truth.
@@ -41,6 +41,8 @@ pub struct Tally {
     pub weld_mm: f64,
     /// Share of them that is covered.
     pub covered: f64,
+    /// Share of them that is not, but named as an inside corner that is not welded: the rest is missed without a word.
+    pub named: f64,
     /// Share of path points that belong to no weld.
     pub false_share: f64,
     /// Root mean square distance of the path across the welds, of its points near them, mm.
@@ -97,7 +99,7 @@ pub fn measure(piece: &Piece, anchor: AnchorName) -> PieceScore {
     match (planned, piece.truth()) {
         (Ok(planned), Ok(truth)) => of_plan(&planned, truth.as_ref(), nothing),
         (Err(reason), Ok(truth)) => {
-            let tally = truth.map(|truth| tally(&PathSet::default(), &truth));
+            let tally = truth.map(|truth| tally(&PathSet::default(), &[], &truth));
             PieceScore { tally, reason: Some(reason), ..nothing }
         }
         (_, Err(reason)) => PieceScore { reason: Some(reason), ..nothing },
@@ -127,12 +129,14 @@ fn of_plan(planned: &Planned, truth: Option<&Truth>, row: PieceScore) -> PieceSc
     let Planned { plan, paths, verdict } = planned;
     let length_mm: f64 = plan.seams.iter().map(|seam| seam.length_mm()).sum();
     let squares: f64 = plan.seams.iter().map(|seam| seam.tip_error_mm().powi(2) * seam.length_mm()).sum();
+    let named: Vec<Vector3<f64>> =
+        plan.unwelded.iter().flat_map(|corner| &corner.line_mm).map(|place| place.coords).collect();
     let own = |seam: &Seam| paths.of_seam(&seam.id.to_string());
     let scored = |truth: &Truth| {
         // What is not welded is offered to nobody.
         let offered = plan.seams.iter().filter(|seam| !own(seam).points_mm.is_empty());
         let stated = |seam: &Seam| {
-            let Tally { false_share, across_mm, .. } = tally(&own(seam), truth);
+            let Tally { false_share, across_mm, .. } = tally(&own(seam), &[], truth);
             StatedSeam::new(seam.confidence, seam.tip_error_mm(), false_share, across_mm)
         };
         offered.map(stated).collect()
@@ -143,7 +147,7 @@ fn of_plan(planned: &Planned, truth: Option<&Truth>, row: PieceScore) -> PieceSc
     PieceScore {
         seams: plan.seams.len(),
         length_mm,
-        tally: truth.map(|truth| tally(paths, truth)),
+        tally: truth.map(|truth| tally(paths, &named, truth)),
         stated_mm: (length_mm > 0.0).then(|| (squares / length_mm).sqrt()),
         confidence: of_false.chain(of_any).max_by(f64::total_cmp),
         verdict: Some(*verdict),
@@ -160,8 +164,8 @@ struct Place {
     visible: bool,
 }
 
-/// Sets paths with orientations against a truth.
-pub fn tally(paths: &PathSet, truth: &Truth) -> Tally {
+/// Sets paths with orientations against a truth; `named_mm` are places along the corners that the plan names and does not weld.
+pub fn tally(paths: &PathSet, named_mm: &[Vector3<f64>], truth: &Truth) -> Tally {
     let places: Vec<Place> = truth.seams.iter().flat_map(places).collect();
     let seen: Vec<&Place> = places.iter().filter(|place| place.visible).collect();
     let path = Nearest::new(&paths.points_mm);
@@ -171,7 +175,14 @@ pub fn tally(paths: &PathSet, truth: &Truth) -> Tally {
         let off_deg = torch.angle(&place.torch).to_degrees();
         (distance_mm < COVER_MM && off_deg < TORCH_DEG).then_some(off_deg)
     };
-    let covered: Vec<f64> = seen.iter().filter_map(|place| torch_deg(place)).collect();
+    let (mut covered, mut named) = (Vec::new(), 0);
+    let corners = Nearest::new(named_mm);
+    for place in &seen {
+        match torch_deg(place) {
+            Some(off_deg) => covered.push(off_deg),
+            None => named += usize::from(corners.to(&place.at).is_some()),
+        }
+    }
     let line: Vec<Vector3<f64>> = places.iter().map(|place| place.at).collect();
     let welds = Nearest::new(&line);
     let nearest: Vec<Option<(usize, f64)>> = paths.points_mm.iter().map(|p| welds.to(p)).collect();
@@ -190,6 +201,7 @@ pub fn tally(paths: &PathSet, truth: &Truth) -> Tally {
     Tally {
         weld_mm: seen.len() as f64,
         covered: share(covered.len(), seen.len()),
+        named: share(named, seen.len()),
         false_share: share(nearest.iter().filter(is_false).count(), nearest.len()),
         across_mm: (!squares.is_empty()).then(|| mean(&squares).sqrt()),
         torch_deg: (!covered.is_empty()).then(|| mean(&covered)),
@@ -270,7 +282,7 @@ mod tests {
 
     #[test]
     fn half_a_path_covers_half_of_what_is_seen() {
-        let half = tally(&path(0.0, 25.0, 0.5, 10.0), &truth());
+        let half = tally(&path(0.0, 25.0, 0.5, 10.0), &[], &truth());
         assert_eq!(half.weld_mm, 50.0);
         // A point reaches 2 mm beyond its end.
         assert!((half.covered - 0.54).abs() < 0.011, "{}", half.covered);
@@ -280,10 +292,19 @@ mod tests {
     }
 
     #[test]
+    fn what_is_not_welded_counts_as_named_beside_a_corner_that_is_told() {
+        let told: Vec<Vector3<f64>> = (20..90).map(|x| Vector3::new(f64::from(x), 3.0, 0.0)).collect();
+        let found = tally(&path(0.0, 29.0, 0.0, 0.0), &told, &truth());
+        assert!((found.covered - 0.62).abs() < 0.011 && (found.covered + found.named - 1.0).abs() < 1e-9);
+        let far: Vec<Vector3<f64>> = told.iter().map(|p| p * 2.0).collect();
+        assert_eq!(tally(&PathSet::default(), &far, &truth()).named, 0.0);
+    }
+
+    #[test]
     fn a_torch_on_the_other_side_covers_nothing() {
-        assert_eq!(tally(&path(0.0, 100.0, 0.0, 60.0), &truth()).covered, 0.0);
-        assert_eq!(tally(&path(0.0, 100.0, 0.0, 40.0), &truth()).covered, 1.0);
-        assert_eq!(tally(&path(0.0, 100.0, 2.5, 0.0), &truth()).covered, 0.0);
+        assert_eq!(tally(&path(0.0, 100.0, 0.0, 60.0), &[], &truth()).covered, 0.0);
+        assert_eq!(tally(&path(0.0, 100.0, 0.0, 40.0), &[], &truth()).covered, 1.0);
+        assert_eq!(tally(&path(0.0, 100.0, 2.5, 0.0), &[], &truth()).covered, 0.0);
     }
 
     /// Another along y begins where the first does: at that corner its points are the nearer ones.
@@ -296,15 +317,15 @@ mod tests {
             ..truth.seams[0].clone()
         };
         truth.seams.push(aside);
-        let across_mm = tally(&path(1.0, 50.0, 0.1, 0.0), &truth).across_mm.unwrap();
+        let across_mm = tally(&path(1.0, 50.0, 0.1, 0.0), &[], &truth).across_mm.unwrap();
         assert!((across_mm - 0.1).abs() < 1e-6, "{across_mm}");
     }
 
     #[test]
     fn what_lies_off_every_weld_is_false_whether_seen_or_not() {
-        assert_eq!(tally(&path(60.0, 90.0, 1.0, 0.0), &truth()).false_share, 0.0);
-        assert_eq!(tally(&path(0.0, 100.0, 5.5, 0.0), &truth()).false_share, 1.0);
-        let nothing = tally(&PathSet::default(), &truth());
+        assert_eq!(tally(&path(60.0, 90.0, 1.0, 0.0), &[], &truth()).false_share, 0.0);
+        assert_eq!(tally(&path(0.0, 100.0, 5.5, 0.0), &[], &truth()).false_share, 1.0);
+        let nothing = tally(&PathSet::default(), &[], &truth());
         assert_eq!((nothing.covered, nothing.false_share, nothing.across_mm), (0.0, 0.0, None));
     }
 }

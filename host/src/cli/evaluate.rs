@@ -4,12 +4,14 @@ use std::fmt::{Display, Write};
 use std::path::{Path, PathBuf};
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
+use nalgebra::Vector3;
 use serde::Serialize;
 use weldpath::evaluation;
 use weldpath::evaluation::{CELL_MM, Error, F1, Options, PathSet, Score, Target, Truth, align, f1, score};
 use weldpath::files::File;
 use weldpath::files::reading;
 use weldpath::lab::comparison;
+use weldpath::lab::suite::{Tally, tally};
 use weldpath::report;
 use weldpath::run::job::Job;
 use weldpath::run::job::quantity::StandoffMm;
@@ -75,6 +77,8 @@ struct Evaluation {
     score: Score,
     /// Path points against the visible stations of the truth.
     f1: Option<F1>,
+    /// How much of the visible welds is welded, and how much of the rest is named; none without `summary.json`.
+    found: Option<Tally>,
     /// What the best rigid motion onto the truth leaves, which is not of the registration.
     /// None where most points belong to no seam, and a motion onto the seams means nothing.
     aligned: Option<Moved>,
@@ -169,6 +173,7 @@ fn against(args: &Args, dir: &Path, truth: &Path) -> Result<(), Failure> {
         aligned: (score.false_share < MOSTLY_FALSE).then(|| Moved::onto(&truth, &paths, &options)),
         score,
         f1: f1(&points, &truth.visible_mm(args.target), CELL_MM),
+        found: named(&summary).map(|named| tally(&paths.on_seams(options.standoff_mm), &named, &truth)),
         stated: stated(&summary),
         fitness: fitness(&summary),
     };
@@ -222,6 +227,13 @@ fn summary(dir: &Path) -> serde_json::Value {
     serde_json::from_str(&text).unwrap_or_default()
 }
 
+/// Places along the corners that the plan names and does not weld.
+fn named(summary: &serde_json::Value) -> Option<Vec<Vector3<f64>>> {
+    let lines = summary["unwelded"].as_array()?.iter().filter_map(|corner| corner["line_mm"].as_array());
+    let place = |place: &serde_json::Value| serde_json::from_value::<[f64; 3]>(place.clone()).ok();
+    Some(lines.flatten().filter_map(place).map(Vector3::from).collect())
+}
+
 fn stated(summary: &serde_json::Value) -> Option<Stated> {
     let selected =
         || summary["seams"].as_array().into_iter().flatten().filter(|seam| seam["selected"] == true);
@@ -259,6 +271,16 @@ fn table(evaluation: &Evaluation) -> String {
     }
     line("orientation RMSE", format!("{} deg", number(score.rmse_deg)));
     line("coverage", format!("{:.1} % of the visible required seams", 100.0 * score.coverage));
+    if let Some(Tally { weld_mm, covered, named, .. }) = &evaluation.found {
+        let [welded, named, missed] =
+            [*covered, *named, 1.0 - covered - named].map(|share| 100.0 * share.max(0.0));
+        line(
+            "visible welds",
+            format!(
+                "{weld_mm:.0} mm: {welded:.1} % welded, {named:.1} % named, {missed:.1} % missed without a word"
+            ),
+        );
+    }
     line("false path points", format!("{:.1} % of {}", 100.0 * score.false_share, score.points));
     if let Some(f1) = &evaluation.f1 {
         line(

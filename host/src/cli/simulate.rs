@@ -109,11 +109,11 @@ struct CellArgs {
     cell_seed: Option<u64>,
 }
 
-/// Errors that are alike in every image; each option changes one of the sensor's own.
+/// Errors of the camera beside noise; each option changes one of the sensor's own.
 #[derive(Debug, Clone, Copy, clap::Args)]
 #[command(next_help_heading = "Camera errors")]
 struct SensorArgs {
-    /// ideal, structured-light, stereo or tof
+    /// ideal, structured-light, stereo, tof or rough
     #[arg(long, default_value_t = Sensor::Ideal)]
     sensor: Sensor,
     /// A stereo matcher averages over this many pixels each way: rounds corners
@@ -146,6 +146,12 @@ struct SensorArgs {
     /// Amplitude of bands across the image
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     stripes_mm: Option<f64>,
+    /// Standard deviation of smooth waves in the depth, other ones in each view
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
+    waves_mm: Option<f64>,
+    /// About how far one wave is from the next, at 350 mm
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
+    wavelength_mm: Option<f64>,
     /// Depths are too large by this
     #[arg(long, value_name = "PERCENT", allow_negative_numbers = true)]
     depth_scale_percent: Option<f64>,
@@ -177,6 +183,8 @@ impl SensorArgs {
             specular_deg: self.specular_deg.unwrap_or(own.specular_deg),
             grazing_deg: self.grazing_deg.or(own.grazing_deg),
             stripes_mm: self.stripes_mm.unwrap_or(own.stripes_mm),
+            waves_mm: self.waves_mm.unwrap_or(own.waves_mm),
+            wavelength_mm: self.wavelength_mm.unwrap_or(own.wavelength_mm),
             depth_scale_percent: self.depth_scale_percent.unwrap_or(own.depth_scale_percent),
             focal_percent: self.focal_percent.unwrap_or(own.focal_percent),
             centre_px: self.centre_px.unwrap_or(own.centre_px),

@@ -33,7 +33,7 @@ pub(super) fn run(folder: &Path, anchor: AnchorName, json: bool, quiet: bool) ->
     if json { print(&text()) } else { Ok(()) }
 }
 
-const HEADING: &str = "kind  seams  length mm  weld mm  covered %  false %  error mm  stated mm  torch deg  false conf verdict     s";
+const HEADING: &str = "kind  seams  length mm  weld mm  covered %  named %  false %  error mm  stated mm  torch deg  false conf verdict     s";
 
 fn words(row: &PieceScore) -> String {
     let kind = format!("{:?}", row.kind).to_lowercase();
@@ -62,9 +62,10 @@ fn tallied(tally: Option<&Tally>, stated_mm: Option<f64>) -> String {
         tally.map_or("-".to_owned(), |t| format!("{:.digits$}", value(t)))
     };
     format!(
-        "{:>8} {:>10} {:>8} {:>9} {:>10} {:>10}",
+        "{:>8} {:>10} {:>8} {:>8} {:>9} {:>10} {:>10}",
         value(|t| t.weld_mm, 0),
         value(|t| 100.0 * t.covered, 1),
+        value(|t| 100.0 * t.named, 1),
         value(|t| 100.0 * t.false_share, 1),
         number(tally.and_then(|t| t.across_mm)),
         number(stated_mm),
@@ -117,6 +118,7 @@ fn mean(rows: &[PieceScore]) -> String {
     let mean = Tally {
         weld_mm: all(|t| Some(t.weld_mm)).unwrap_or_default(),
         covered: all(|t| Some(t.covered)).unwrap_or_default(),
+        named: all(|t| Some(t.named)).unwrap_or_default(),
         false_share: all(|t| Some(t.false_share)).unwrap_or_default(),
         across_mm: all(|t| t.across_mm),
         torch_deg: all(|t| t.torch_deg),

@@ -29,8 +29,6 @@ use beside::StationLine;
 use frame::Frame;
 use std::ops::Range;
 
-pub(super) use stretch::longest_run;
-
 /// Sizes, in voxels unless named otherwise. The defaults were chosen on the simulated scans.
 #[derive(Debug, Clone, Copy)]
 pub struct RefineConfig {

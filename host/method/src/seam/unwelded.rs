@@ -1,7 +1,6 @@
 //! Inside corners that are seen and not offered as seams (ours): where they run, and why not. Nothing vanishes without a word.
 
 use super::Seam;
-use super::refine::longest_run;
 use super::trace::{Chain, ChainLink};
 use nalgebra::Point3;
 use schemars::JsonSchema;
@@ -64,26 +63,24 @@ const LEAST_VOXELS: f64 = 10.0;
 /// A line this near to another is the same corner, voxels.
 const SAME_VOXELS: f64 = 3.0;
 
-/// The lines that are long enough to be told, without what runs beside seams or beside lines before them.
+/// The lines without what runs beside seams or beside lines before them; of that, each run that is long enough to be told.
 pub(super) fn told(lines: Vec<Unwelded>, seams: &[Seam], voxel_mm: f64) -> Vec<Unwelded> {
     let (near_mm, least_mm) = (SAME_VOXELS * voxel_mm, LEAST_MM.max(LEAST_VOXELS * voxel_mm));
     let mut known: Vec<Point3<f64>> =
         seams.iter().flat_map(|seam| seam.stations.iter().map(|station| station.position_mm)).collect();
     let mut told = Vec::new();
-    for mut line in lines {
-        let free = |p: &Point3<f64>| known.iter().all(|q| (p - q).norm() > near_mm);
-        let free: Vec<bool> = line.line_mm.iter().map(free).collect();
-        if let Some((from, to)) = longest_run(&free, 0) {
-            line.line_mm = line.line_mm[from..to].to_vec();
-        } else {
-            continue;
-        }
-        if line.length_mm() >= least_mm {
-            if line.words.is_empty() {
-                line.words = line.in_words();
+    for line in lines {
+        let is_free = |p: &Point3<f64>| known.iter().all(|q| (p - q).norm() > near_mm);
+        let free: Vec<(bool, Point3<f64>)> = line.line_mm.iter().map(|p| (is_free(p), *p)).collect();
+        for run in free.chunk_by(|a, b| a.0 == b.0).filter(|run| run[0].0) {
+            let mut part = Unwelded { line_mm: run.iter().map(|(_, p)| *p).collect(), ..line.clone() };
+            if part.length_mm() >= least_mm {
+                if part.words.is_empty() {
+                    part.words = part.in_words();
+                }
+                known.extend_from_slice(&part.line_mm);
+                told.push(part);
             }
-            known.extend_from_slice(&line.line_mm);
-            told.push(line);
         }
     }
     told
@@ -104,9 +101,12 @@ mod tests {
         };
         let told = told(vec![line(0.0, 100.0), line(20.0, 80.0), line(200.0, 210.0)], &[], 1.2);
         assert_eq!(told.len(), 1);
-        let cut = super::told(vec![line(0.0, 40.0), line(0.0, 100.0)], &[], 1.2);
-        assert_eq!(cut.len(), 2);
-        assert!(cut[1].length_mm() < 56.0, "cut where another is: {}", cut[1].length_mm());
+        let cut = super::told(vec![line(40.0, 60.0), line(0.0, 100.0)], &[], 1.2);
+        assert_eq!(cut.len(), 3);
+        for part in &cut[1..] {
+            let length_mm = part.length_mm();
+            assert!((30.0..36.5).contains(&length_mm), "cut where another is: {length_mm}");
+        }
         assert!((told[0].length_mm() - 100.0).abs() < 1e-9);
         assert!(told[0].words.contains("100 mm near 50,0,0"), "{}", told[0].words);
     }

@@ -125,10 +125,16 @@ pub(super) fn image(
 ) -> DepthImage {
     let width = camera.width as usize;
     let errors = &imaging.errors;
-    let depth: Vec<f64> = match imaging.noise {
+    let mut depth: Vec<f64> = match imaging.noise {
         Noise::None => seen.iter().map(|s| s.map_or(0.0, |s| s.depth_mm)).collect(),
         noise => Degradation { camera, model: noise.model().with(errors), seed, view }.degrade(seen, width),
     };
+    let size = [width, depth.len() / width.max(1)];
+    let waves = errors.waves(size, camera.focal_px, &Stream::new(seed, "waves", view));
+    for (depth_mm, wave_mm) in depth.iter_mut().zip(waves) {
+        // With the square of the depth, as a disparity errs; what was lost stays 0.
+        *depth_mm += wave_mm * squared(*depth_mm / REFERENCE_MM, 1);
+    }
     let count = |(i, z)| to_counts(errors.banded(z, i % width, width), camera.depth_scale_mm);
     let mut counts: Vec<u16> = depth.into_iter().enumerate().map(count).collect();
     let full_mm = f64::from(u16::MAX) * camera.depth_scale_mm;

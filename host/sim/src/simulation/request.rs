@@ -321,6 +321,8 @@ impl SensorErrors {
         within("specular angle", self.specular_deg, 0.0, 45.0)?;
         optional("grazing angle", self.grazing_deg, 20.0, 89.0)?;
         within("stripes", self.stripes_mm, 0.0, 10.0)?;
+        within("waves", self.waves_mm, 0.0, 10.0)?;
+        within("wavelength", self.wavelength_mm, 2.0, 1000.0)?;
         within("error of the depth scale", self.depth_scale_percent, -20.0, 20.0)?;
         within("error of the focal length", self.focal_percent, -20.0, 20.0)?;
         within("error of the optical axis", self.centre_px, 0.0, 100.0)?;

@@ -1,4 +1,4 @@
-//! What real depth cameras do wrong alike in every image, beside noise: each error by itself, and presets of three kinds of sensor.
+//! What real depth cameras do wrong beside noise: each error by itself, and presets of kinds of sensor.
 //!
 //! Sources of the presets:
 //! * stereo: Keselman, Woodfill, Grunnet-Jepsen, Bhowmik, "Intel RealSense Stereoscopic Depth Cameras", CVPR workshops 2017
@@ -9,6 +9,8 @@
 //!   Illumination", CVPR 2011 (grooves filled by interreflection).
 //! * time of flight: Azure Kinect DK hardware specification (systematic error 11 mm + 0.1 % of the distance, mostly an offset
 //!   that a user calibrates away; no multipath); Freedman et al., "SRA", ECCV 2014 (corners seen too deep by multipath).
+//! * rough: ours, of what users' scans show together (`--sensor rough` is the hardest case that a plan should survive): a matcher
+//!   finds little texture on metal, so that surfaces wave by 1 mm over 10 to 50 mm, otherwise in each view.
 
 use super::camera::{Camera, Seen};
 use super::named::named;
@@ -32,11 +34,13 @@ named! {
         Stereo = "stereo",
         /// Time of flight of modulated light.
         Tof = "tof",
+        /// A cheap matcher of windows with all that goes wrong close to a bare metal part, together.
+        Rough = "rough",
     }
 }
 
-/// What a depth camera does wrong alike in every image. Nothing, unless said.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+/// What a depth camera does wrong beside noise, alike in every image unless said. Nothing, unless said.
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SensorErrors {
     /// Disparities are means over so many pixels each way on one surface: rounds corners.
     pub window_px: u32,
@@ -59,6 +63,10 @@ pub struct SensorErrors {
     pub grazing_deg: Option<f64>,
     /// Amplitude of bands across the image, mm.
     pub stripes_mm: f64,
+    /// Standard deviation of waves in the depth, smooth across the image and other ones in each, mm.
+    pub waves_mm: f64,
+    /// About how far one wave is from the next, mm at 350 mm.
+    pub wavelength_mm: f64,
     /// Depths are too large by this, percent.
     pub depth_scale_percent: f64,
     /// The focal length is larger than stated by this, percent.
@@ -69,6 +77,30 @@ pub struct SensorErrors {
     pub k1: f64,
     /// So many pixels of each view read from 5 to 60 m, as many are saturated (65535), and as many read nothing.
     pub stray_px: u32,
+}
+
+impl Default for SensorErrors {
+    fn default() -> Self {
+        Self {
+            window_px: 0,
+            fattening_px: 0,
+            flying: None,
+            correlated_px: None,
+            disparity_step_px: None,
+            depth_step_mm: 0.0,
+            interreflection_mm: 0.0,
+            specular_deg: 0.0,
+            grazing_deg: None,
+            stripes_mm: 0.0,
+            waves_mm: 0.0,
+            wavelength_mm: 25.0,
+            depth_scale_percent: 0.0,
+            focal_percent: 0.0,
+            centre_px: 0.0,
+            k1: 0.0,
+            stray_px: 0,
+        }
+    }
 }
 
 /// Distance from a corner's root at which interreflection has fallen to 1/e, mm.
@@ -83,6 +115,9 @@ const LIFTED_DEG: f64 = 10.0;
 /// A window averages what is nearer in depth to its middle than this, at [`REFERENCE_MM`]: one surface and its neighbour.
 const SURFACE_MM: f64 = 10.0;
 const REFERENCE_MM: f64 = 350.0;
+/// Standard deviation of a field of unit numbers on a lattice, interpolated by smoothstep both ways: the mean over a cell of the sum
+/// of the squared weights is 26/35 each way.
+const INTERPOLATED: f64 = 26.0 / 35.0;
 /// Bands across an image of any width.
 const BANDS: f64 = 24.0;
 
@@ -127,6 +162,12 @@ impl Sensor {
                 k1: 0.005,
                 ..none
             },
+            Self::Rough => SensorErrors {
+                flying: Some(0.9),
+                grazing_deg: Some(70.0),
+                waves_mm: 1.0,
+                ..Self::Stereo.errors()
+            },
         }
     }
 }
@@ -167,6 +208,27 @@ impl SensorErrors {
             (pixel, kind.map_or(f64::INFINITY, |[low, high]| random.between(low, high)))
         })
         .collect()
+    }
+
+    /// How much too far each pixel of an image reads for its waves, mm at the reference distance; empty without waves. `focal_px`
+    /// turns lengths at that distance into pixels.
+    pub(super) fn waves(&self, [width, height]: [usize; 2], focal_px: f64, lattice: &Stream) -> Vec<f64> {
+        if self.waves_mm == 0.0 {
+            return Vec::new();
+        }
+        // Half a wave from knot to knot.
+        let knots_px = f64::max(0.5 * self.wavelength_mm * focal_px / REFERENCE_MM, 1.0);
+        let columns = (width as f64 / knots_px) as u64 + 2;
+        let knot = |column: u64, row: u64| lattice.at(row * columns + column).gaussian();
+        let pixel = |i: usize| {
+            let [x, y] = [i % width, i / width].map(|at| at as f64 / knots_px);
+            let (column, row) = (x as u64, y as u64);
+            let step = |t: f64| t * t * (3.0 - 2.0 * t);
+            let (right, down) = (step(x.fract()), step(y.fract()));
+            let along = |row: u64| knot(column, row) * (1.0 - right) + knot(column + 1, row) * right;
+            self.waves_mm / INTERPOLATED * (along(row) * (1.0 - down) + along(row + 1) * down)
+        };
+        (0..width * height).into_par_iter().map(pixel).collect()
     }
 
     /// A reading with bands and steps, mm.

@@ -199,6 +199,26 @@ fn a_near_edge_covers_what_is_behind_it() {
 }
 
 #[test]
+fn waves_are_as_high_and_as_long_as_asked() {
+    let exact = depths_mm(SensorErrors::default());
+    let waved = depths_mm(SensorErrors { waves_mm: 1.0, wavelength_mm: 40.0, ..Default::default() });
+    let width = small(Part::Fillet).width as usize;
+    // At 350 mm; the error grows with the square of the depth.
+    let height = |i: usize| (exact[i] > 0.0).then(|| (waved[i] - exact[i]) * (350.0 / exact[i]).powi(2));
+    let product = |apart: usize| {
+        let pairs = (0..exact.len() - apart).filter(|i| i % width + apart < width);
+        let all: Vec<f64> = pairs.filter_map(|i| Some(height(i)? * height(i + apart)?)).collect();
+        all.iter().sum::<f64>() / all.len() as f64
+    };
+    let focal_px = Camera::with_size(small(Part::Fillet).width, small(Part::Fillet).height).focal_px;
+    let half_px = (20.0 * focal_px / 350.0) as usize;
+    let variance = product(0);
+    assert!((0.7..1.4).contains(&variance), "{variance} mm2");
+    assert!(product(half_px / 8) > 0.85 * variance, "neighbours wave alike");
+    assert!(product(2 * half_px + 2).abs() < 0.35 * variance, "a wave apart they do not");
+}
+
+#[test]
 fn every_preset_makes_a_scan_of_its_own() {
     let scans: Vec<Vec<f64>> = Sensor::ALL.map(|sensor| depths_mm(sensor.errors())).into();
     for (k, scan) in scans.iter().enumerate() {

@@ -363,8 +363,9 @@ impl NearnessSearch<'_> {
         [fitness(&squared, self.near_mm), squared.len() as f64 / nearby.len().max(1) as f64]
     }
 
-    /// Squared distance to the nearest patch of another view, mm², or to one of those that are aligned; none beyond reach. What faces
-    /// the other way is the other side of a plate and no part of what both see.
+    /// Squared distance to the nearest patch of another view, mm², or to one of those that are aligned; none beyond reach. No part of
+    /// what both see is what faces elsewhere, a wall beside the floor or the other side of a plate, nor what lies in the plane of
+    /// the nearest patch and beyond it: there the surface goes on where the other view saw no more of it.
     ///
     /// The view that was near at last is asked first, the others only where it is not aligned any more.
     fn squared(
@@ -374,17 +375,23 @@ impl NearnessSearch<'_> {
         sample: &MatchedPatch,
         nearby: &mut Nearby,
     ) -> Option<f32> {
+        let near_mm2 = self.near_mm * self.near_mm;
         let ask = |view: usize, partner: &mut Match| {
             let (motion, target) = (&motions[view], &self.sources[view]);
             let (q, facing) = (motion.apply(&sample.point), motion.turn * sample.normal);
-            let same_side = |slot: usize| target.surfaces[slot].normal.dot(&facing) > 0.0;
+            let same_side = |slot: usize| target.surfaces[slot].normal.dot(&facing) > MIN_NORMAL_DOT;
             let found = partner.find(&target.grid, &q, OVERLAP * self.near_mm, same_side);
-            found.map_or(f32::INFINITY, |(_, hit)| (q - hit).norm_squared())
+            found.map_or(f32::INFINITY, |(slot, hit)| {
+                let above = q - hit;
+                let aside = above.norm_squared() >= near_mm2;
+                let level = target.surfaces[slot].normal.dot(&above).powi(2) < near_mm2;
+                if aside && level { f32::INFINITY } else { above.norm_squared() }
+            })
         };
         let last = nearby.view;
         let mut best = if last < motions.len() { ask(last, &mut nearby.partner) } else { f32::INFINITY };
         for view in (0..motions.len()).filter(|view| *view != i && *view != last) {
-            if best < self.near_mm * self.near_mm {
+            if best < near_mm2 {
                 break;
             }
             let mut partner = Match::NEW;

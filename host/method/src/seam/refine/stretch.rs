@@ -234,7 +234,7 @@ fn trusted(stations: &[Option<&MeasuredStation>], voxel_mm: f32) -> Vec<bool> {
 }
 
 /// The longest stretch of good stations whose gaps are at most `gap` stations long.
-pub(in crate::seam) fn longest_run(good: &[bool], gap: usize) -> Option<(usize, usize)> {
+pub(super) fn longest_run(good: &[bool], gap: usize) -> Option<(usize, usize)> {
     let mut runs: Vec<(usize, usize)> = Vec::new();
     for k in (0..good.len()).filter(|&k| good[k]) {
         match runs.last_mut() {
