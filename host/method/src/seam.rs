@@ -22,6 +22,7 @@ pub mod drawn;
 mod error;
 pub mod extraction;
 pub mod facets;
+mod implied;
 pub mod input;
 pub mod measure;
 mod ordering;

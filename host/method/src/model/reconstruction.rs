@@ -6,6 +6,7 @@
 //! the frame. What remains uncertain is returned, per view, and goes into each seam's expected error.
 
 pub mod chain;
+mod correlation;
 mod correspondence;
 pub mod icp;
 pub mod pair;

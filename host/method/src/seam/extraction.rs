@@ -4,6 +4,7 @@
 //! each chain is refined on the raw points and measured. Where that finds nothing, other cues are tried if asked for.
 
 use super::description::{Identity, described, is_sure, left_out};
+use super::implied;
 use super::input::Input;
 use super::measure::dimension::Quantity;
 use super::measure::{fitup, grip, joint, resting};
@@ -96,7 +97,8 @@ pub fn find(input: &Input, config: &SeamConfig) -> Found {
     let warnings = unsure.iter().map(left_out).collect();
     let unsure_lines = unsure.iter().map(|seam| Unwelded::of(seam, WhyUnwelded::Unsure, left_out(seam)));
     let lines = unsure_lines.chain(corners.unwelded(input, &config.trace)).collect();
-    let unwelded = unwelded::told(lines, &seams, f64::from(v));
+    let implied = implied::joints(&input.model, table.as_ref(), &input.scan.merged.origin_mm);
+    let unwelded = unwelded::told(lines, implied, &seams, f64::from(v));
     let reason = unsure.first().map(left_out);
     let reason = reason.or_else(|| unwelded.first().map(|line| line.words.clone()));
     Found {

@@ -16,6 +16,8 @@ pub enum WhyUnwelded {
     Unsure,
     /// Nobody knows which side of its faces is air.
     UnknownSide,
+    /// Its faces would meet there if they went on: the corner itself was hardly seen.
+    Implied,
 }
 
 /// An inside corner that is seen and not offered as a seam.
@@ -44,6 +46,10 @@ impl Unwelded {
     fn in_words(&self) -> String {
         let why = match self.reason {
             WhyUnwelded::Table => "is where the work rests on the table",
+            WhyUnwelded::Implied => {
+                "is where two faces would meet, but the corner itself was hardly seen: scan it again from nearer, or from \
+                 where both faces show"
+            }
             _ => "is too thinly seen to fit a seam to it: scan it again from nearer, or from more sides",
         };
         let place = |p: &Point3<f64>| format!("{:.0},{:.0},{:.0}", p.x, p.y, p.z);
@@ -60,30 +66,49 @@ impl Unwelded {
 /// Lines that are told are at least so long, mm, and this many voxels.
 const LEAST_MM: f64 = 15.0;
 const LEAST_VOXELS: f64 = 10.0;
-/// A line this near to another is the same corner, voxels.
+/// A line this near to another is the same corner, voxels; one that is implied by faces, mm at least: as far as a tilt of
+/// either that noise explains takes it.
 const SAME_VOXELS: f64 = 3.0;
+const SAME_IMPLIED_MM: f64 = 6.0;
 
-/// The lines without what runs beside seams or beside lines before them; of that, each run that is long enough to be told.
-pub(super) fn told(lines: Vec<Unwelded>, seams: &[Seam], voxel_mm: f64) -> Vec<Unwelded> {
-    let (near_mm, least_mm) = (SAME_VOXELS * voxel_mm, LEAST_MM.max(LEAST_VOXELS * voxel_mm));
-    let mut known: Vec<Point3<f64>> =
-        seams.iter().flat_map(|seam| seam.stations.iter().map(|station| station.position_mm)).collect();
-    let mut told = Vec::new();
-    for line in lines {
-        let is_free = |p: &Point3<f64>| known.iter().all(|q| (p - q).norm() > near_mm);
+/// The lines without what runs beside seams or beside lines before them, those that are implied last; of that, each run that is
+/// long enough to be told.
+pub(super) fn told(
+    lines: Vec<Unwelded>,
+    implied: Vec<Unwelded>,
+    seams: &[Seam],
+    voxel_mm: f64,
+) -> Vec<Unwelded> {
+    let stations = seams.iter().flat_map(|seam| seam.stations.iter().map(|station| station.position_mm));
+    let mut told = Told { known: stations.collect(), lines: Vec::new(), voxel_mm };
+    let near_mm = SAME_VOXELS * voxel_mm;
+    lines.iter().for_each(|line| told.add(line, near_mm));
+    implied.iter().for_each(|line| told.add(line, near_mm.max(SAME_IMPLIED_MM)));
+    told.lines
+}
+
+struct Told {
+    /// Places of seams and of lines that are told.
+    known: Vec<Point3<f64>>,
+    lines: Vec<Unwelded>,
+    voxel_mm: f64,
+}
+
+impl Told {
+    fn add(&mut self, line: &Unwelded, near_mm: f64) {
+        let is_free = |p: &Point3<f64>| self.known.iter().all(|q| (p - q).norm() > near_mm);
         let free: Vec<(bool, Point3<f64>)> = line.line_mm.iter().map(|p| (is_free(p), *p)).collect();
         for run in free.chunk_by(|a, b| a.0 == b.0).filter(|run| run[0].0) {
             let mut part = Unwelded { line_mm: run.iter().map(|(_, p)| *p).collect(), ..line.clone() };
-            if part.length_mm() >= least_mm {
+            if part.length_mm() >= LEAST_MM.max(LEAST_VOXELS * self.voxel_mm) {
                 if part.words.is_empty() {
                     part.words = part.in_words();
                 }
-                known.extend_from_slice(&part.line_mm);
-                told.push(part);
+                self.known.extend_from_slice(&part.line_mm);
+                self.lines.push(part);
             }
         }
     }
-    told
 }
 
 #[cfg(test)]
@@ -99,9 +124,9 @@ mod tests {
             reason: WhyUnwelded::Table,
             words: String::new(),
         };
-        let told = told(vec![line(0.0, 100.0), line(20.0, 80.0), line(200.0, 210.0)], &[], 1.2);
+        let told = told(vec![line(0.0, 100.0), line(20.0, 80.0), line(200.0, 210.0)], vec![], &[], 1.2);
         assert_eq!(told.len(), 1);
-        let cut = super::told(vec![line(40.0, 60.0), line(0.0, 100.0)], &[], 1.2);
+        let cut = super::told(vec![line(40.0, 60.0), line(0.0, 100.0)], vec![], &[], 1.2);
         assert_eq!(cut.len(), 3);
         for part in &cut[1..] {
             let length_mm = part.length_mm();

@@ -3,6 +3,7 @@
 //! Each iteration linearises small rotations about the common centre, solves for the increments of all views in one
 //! system, and applies them as full rotations, left-multiplied. Residuals are weighted by Geman-McClure.
 
+use super::correlation;
 use super::correspondence::Match;
 use super::source::{MatchedPatch, PatchSurface, SourceView};
 use super::system::{Block, CameraBlock, PatchPair, Solution, System};
@@ -47,6 +48,8 @@ pub(super) struct RegistrationProblem {
     reported: Vec<Isometry3<f64>>,
     poses: Vec<Isometry3<f64>>,
     centre_mm: Point3<f64>,
+    /// By how much more than their patches' own noise says the surfaces of two views vary from each other, as variance.
+    excess: f64,
 }
 
 /// What ties view `i` to view `j`: the partners in `j` of the sampled patches of `i`.
@@ -143,7 +146,7 @@ impl RegistrationProblem {
         let nearby = nearby.collect();
         let cell_mm = patches.iter().map(|patches| patches.cell_mm).fold(0.0, f32::max);
         let near_mm = config.fitness_mm.max(NEAR_CELLS * cell_mm);
-        Self { sources, ties, nearby, near_mm, poses: reported.clone(), reported, centre_mm }
+        Self { sources, ties, nearby, near_mm, poses: reported.clone(), reported, centre_mm, excess: 1.0 }
     }
 
     /// The poses that minimise the distances along the normals, eq. (2), gate by gate.
@@ -161,8 +164,12 @@ impl RegistrationProblem {
             }
             let last = round + 1 == config.gates_mm.len();
             let thin = if last { 1 } else { COARSE_STEP };
-            for _ in 0..config.iterations {
-                reached = self.iterate(gate_mm, thin, config);
+            for iteration in 0..config.iterations {
+                self.pair(gate_mm, thin);
+                if last && iteration == 0 {
+                    self.excess = correlation::excess(self.ties.iter().map(|tie| tie.pairs.as_slice()));
+                }
+                reached = self.step(gate_mm, config);
                 self.look(&mut seen);
                 let fine_mm = if last { 0.002 } else { 0.05 };
                 if reached.largest_mm < fine_mm {
@@ -211,11 +218,18 @@ impl RegistrationProblem {
         evidence
     }
 
-    /// One linear step of all views, eq. (6).
-    fn iterate(&mut self, gate_mm: f32, thin: usize, config: &ReconstructionConfig) -> Step {
-        let views = self.sources.len();
+    /// Finds the pairs of all views anew.
+    fn pair(&mut self, gate_mm: f32, thin: usize) {
         let (sources, poses, centre_mm) = (&self.sources, &self.poses, &self.centre_mm);
         self.ties.par_iter_mut().for_each(|tie| tie.pair(sources, poses, centre_mm, gate_mm, thin));
+    }
+
+    /// One linear step of all views, eq. (6).
+    fn step(&mut self, gate_mm: f32, config: &ReconstructionConfig) -> Step {
+        let views = self.sources.len();
+        let share = (1.0 / self.excess) as f32;
+        self.ties.par_iter_mut().flat_map(|tie| &mut tie.pairs).for_each(|pair| pair.weight *= share);
+        let poses = &self.poses;
         let pairs = self.ties.iter().flat_map(|tie| &tie.pairs);
         let mut size: Vec<f32> = pairs.map(|pair| pair.residual_mm.abs()).collect();
         let scale = f64::from(robust_deviation(&mut size)).max(0.02).min(f64::from(gate_mm));

@@ -407,13 +407,19 @@ fn layer(points: &[Vector3<f32>], axis: &Vector3<f32>, middle_mm: f32, within_mm
 
 /// Whether the normals of a support's points turn with their place on it, as on a tube.
 fn is_curved(voxels: &Voxels, support: &Support) -> bool {
-    let [a, b] = table::axes(&support.normal);
+    let both = voxels.cloud.points_mm.iter().copied().zip(voxels.cloud.normals.iter().copied());
+    let own =
+        both.filter(|(p, n)| n.dot(&support.normal) > FACING && support.height_mm(p).abs() < support.half_mm);
+    curves(&support.normal, &own.collect::<Vec<_>>())
+}
+
+/// Whether the normals of points about a plane go with the place, as they do along a tube.
+pub(in crate::seam) fn curves(normal: &Vector3<f32>, rows: &[(Point3<f32>, Vector3<f32>)]) -> bool {
+    let [a, b] = table::axes(normal);
     let rows = || {
-        let both = voxels.cloud.points_mm.iter().zip(&voxels.cloud.normals);
-        both.filter(|(p, n)| n.dot(&support.normal) > FACING && support.height_mm(p).abs() < support.half_mm)
-            .map(|(p, n)| {
-                (Vector2::new(p.coords.dot(&a), p.coords.dot(&b)), Vector2::new(n.dot(&a), n.dot(&b)))
-            })
+        rows.iter().map(|(p, n)| {
+            (Vector2::new(p.coords.dot(&a), p.coords.dot(&b)), Vector2::new(n.dot(&a), n.dot(&b)))
+        })
     };
     let count = rows().count().max(1) as f32;
     let sum = rows().fold((Vector2::zeros(), Vector2::zeros()), |s, r| (s.0 + r.0, s.1 + r.1));

@@ -116,6 +116,7 @@ export const TEXTS = /* @__PURE__ */ texts("TEXTS", {
   whyUnwelded: {
     table: "the work rests on the table there", unsure: "too little was seen of it",
     "unknown-side": "unknown which side is air",
+    implied: "two faces would meet there; the corner itself was hardly seen",
   },
   columns: { seam: "seam, joint", length: "length, mm", error: "error, mm", confidence: "confidence" },
   errorTitle: "expected error of the tip, one standard deviation across the seam",

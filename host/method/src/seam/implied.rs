@@ -1,0 +1,220 @@
+//! Joints that two faces imply (ours): flat faces that would meet in an inside corner if they went on, where the corner itself was
+//! hardly seen. A camera loses the foot of a web to grazing sight, to the light between the faces or to its matcher's window,
+//! and no neighbourhood holds both faces then; the faces themselves are known better than any of their points.
+//!
+//! Nothing is welded by this: where such a joint may be is named.
+
+use super::input::SurfaceModel;
+use super::trace::support::{self, Support};
+use super::unwelded::{Unwelded, WhyUnwelded};
+use crate::geometry::grid::Grid;
+use crate::geometry::plane::Moments;
+use nalgebra::{Point3, Vector3};
+
+/// Cosine of the angle within which a point faces as its face does, and height over it within which it lies on it, voxels: thin
+/// noisy voxels scatter by half of either.
+const FACING: f32 = 0.9;
+const HEIGHT_VOXELS: f32 = 1.2;
+/// Points are of one face if they are no farther apart than this, voxels.
+const NEXT_VOXELS: f32 = 2.0;
+/// A face is refitted whenever it has grown by this share.
+const GROWN: f32 = 1.3;
+/// Fewer points are no face: a strip as long as the shortest joint that is told, three voxels wide.
+const LEAST_POINTS: usize = 40;
+/// Faces meet at 30 to 150 degrees through the air; flatter ones are bends, and sharper ones let no torch in.
+const MOST_ALIKE: f32 = 0.87;
+/// A face ends this near to the joint at most, mm: a matcher's window of ten pixels at 400 mm rounds a corner over as much; or so
+/// many voxels.
+const GAP_MM: f32 = 12.0;
+const GAP_VOXELS: f32 = 5.0;
+/// Places along a joint, voxels; so many of them without faces are bridged.
+const PLACE_VOXELS: f32 = 2.0;
+const BRIDGED: usize = 2;
+/// Where one face goes on unbroken below the end of the other, the other stands off it: of the places there, this share shows it.
+const THROUGH: f32 = 0.5;
+
+/// Fewer points of a face at a place of the joint do not show it; whole, there are ten.
+const SHOWN: u32 = 4;
+
+/// A flat face.
+struct Face {
+    /// Out of the material.
+    normal: Vector3<f32>,
+    level_mm: f32,
+    points: Vec<Point3<f32>>,
+}
+
+/// Joints of the faces of a model, the longest first; `origin_mm` is where its coordinates begin.
+pub(super) fn joints(
+    model: &SurfaceModel,
+    table: Option<&Support>,
+    origin_mm: &Point3<f64>,
+) -> Vec<Unwelded> {
+    let voxel_mm = model.voxel_mm();
+    let faces = faces(model);
+    let mut lines = Vec::new();
+    for (k, one) in faces.iter().enumerate() {
+        for other in &faces[k + 1..] {
+            for line in met(one, other, voxel_mm) {
+                let middle = line[line.len() / 2];
+                let on_table = table
+                    .is_some_and(|t| t.is_face(&one.normal, &middle) || t.is_face(&other.normal, &middle));
+                let reason = if on_table { WhyUnwelded::Table } else { WhyUnwelded::Implied };
+                let line_mm = line.iter().map(|p| origin_mm + p.coords.cast::<f64>()).collect();
+                lines.push(Unwelded { line_mm, reason, words: String::new() });
+            }
+        }
+    }
+    lines.sort_by(|a, b| b.length_mm().total_cmp(&a.length_mm()));
+    lines
+}
+
+/// The flat faces of a model, grown from points whose neighbours face as they do.
+fn faces(model: &SurfaceModel) -> Vec<Face> {
+    let (points, normals) = (&model.cloud.points_mm, &model.cloud.normals);
+    let voxel_mm = model.voxel_mm();
+    let reach_mm = NEXT_VOXELS * voxel_mm;
+    let grid = Grid::new(points, reach_mm);
+    let mut taken = vec![false; points.len()];
+    let mut faces = Vec::new();
+    for seed in 0..points.len() {
+        if taken[seed] {
+            continue;
+        }
+        let (mut normal, mut level_mm) = (normals[seed], normals[seed].dot(&points[seed].coords));
+        let (mut members, mut next, mut refit) = (vec![seed], 0, LEAST_POINTS / 4);
+        taken[seed] = true;
+        while next < members.len() {
+            let at = points[members[next]];
+            next += 1;
+            grid.within(&at, reach_mm, |slot, _| {
+                let k = grid.index(slot);
+                let height_mm = normal.dot(&points[k].coords) - level_mm;
+                if !taken[k] && normals[k].dot(&normal) > FACING && height_mm.abs() < HEIGHT_VOXELS * voxel_mm
+                {
+                    taken[k] = true;
+                    members.push(k);
+                }
+            });
+            if members.len() >= refit {
+                refit = (members.len() as f32 * GROWN) as usize;
+                (normal, level_mm) = fitted(&members, points, &normal);
+            }
+        }
+        if members.len() >= LEAST_POINTS {
+            (normal, level_mm) = fitted(&members, points, &normal);
+            let rows: Vec<_> = members.iter().map(|&k| (points[k], normals[k])).collect();
+            // Strips of a tube would meet all along it.
+            if !support::curves(&normal, &rows) {
+                faces.push(Face { normal, level_mm, points: members.iter().map(|&k| points[k]).collect() });
+            }
+        } else {
+            // They may be of another face, which a later point begins.
+            members[1..].iter().for_each(|&k| taken[k] = false);
+        }
+    }
+    faces
+}
+
+/// Normal, facing as before, and level of the plane of some points.
+fn fitted(members: &[usize], points: &[Point3<f32>], facing: &Vector3<f32>) -> (Vector3<f32>, f32) {
+    let from = points[members[0]];
+    let mut moments = Moments::default();
+    members.iter().for_each(|&k| moments.add(points[k] - from));
+    let plane = moments.plane();
+    let normal = if plane.normal.dot(facing) < 0.0 { -plane.normal } else { plane.normal };
+    (normal, normal.dot(&(from + plane.mean).coords))
+}
+
+/// Where two faces would meet in an inside corner: places along it, a run for each joint.
+fn met(one: &Face, other: &Face, voxel_mm: f32) -> Vec<Vec<Point3<f32>>> {
+    let alike = one.normal.dot(&other.normal);
+    if alike.abs() > MOST_ALIKE {
+        return Vec::new();
+    }
+    let along = one.normal.cross(&other.normal).normalize();
+    // The foot of the line: the point of both planes nearest to the middle of the smaller face.
+    let smaller = if one.points.len() < other.points.len() { one } else { other };
+    let middle = smaller.points[smaller.points.len() / 2];
+    let sine2 = 1.0 - alike * alike;
+    let off = [one, other].map(|face| face.level_mm - face.normal.dot(&middle.coords));
+    let foot = middle
+        + one.normal * ((off[0] - alike * off[1]) / sine2)
+        + other.normal * ((off[1] - alike * off[0]) / sine2);
+    let place_mm = PLACE_VOXELS * voxel_mm;
+    let [a, b] = [(one, other), (other, one)].map(|(face, other)| {
+        // In an inside corner a face lies where the other's normal points to.
+        let away = (other.normal - face.normal * alike).normalize();
+        Ends::of(face, &foot, &along, &away, voxel_mm)
+    });
+    let (first, last) = (a.first.max(b.first), a.last.min(b.last));
+    let gap_mm = GAP_MM.max(GAP_VOXELS * voxel_mm);
+    let is_joint = |at: i32| {
+        let ([near_a, near_b], [under_a, under_b]) =
+            ([a.near_mm(at), b.near_mm(at)], [a.under(at), b.under(at)]);
+        let is_shown = a.is_shown(at) && b.is_shown(at) && near_a < gap_mm && near_b < gap_mm;
+        // One of them ends there, at the other: faces that both go on cross in free space.
+        is_shown && !(under_a && (under_b || near_b > 0.0)) && !(under_b && near_a > 0.0)
+    };
+    let joint: Vec<i32> = (first..=last).filter(|at| is_joint(*at)).collect();
+    let runs = joint.chunk_by(|a, b| (b - a) as usize <= 1 + BRIDGED);
+    let place = |at: i32| foot + along * ((at as f32 + 0.5) * place_mm);
+    runs.map(|run| (run[0]..=run[run.len() - 1]).map(place).collect()).collect()
+}
+
+/// How near a face comes to a line, place by place along it.
+struct Ends {
+    first: i32,
+    last: i32,
+    /// Of each place, the nearest distance beyond the line on the face's side, mm; infinite without points there.
+    near_mm: Vec<f32>,
+    /// Points before and behind the line, but for those within a voxel of it.
+    counts: Vec<[u32; 2]>,
+    unsure_mm: f32,
+}
+
+impl Ends {
+    fn of(face: &Face, foot: &Point3<f32>, along: &Vector3<f32>, away: &Vector3<f32>, voxel_mm: f32) -> Self {
+        let place_mm = PLACE_VOXELS * voxel_mm;
+        let reach_mm = GAP_MM.max(GAP_VOXELS * voxel_mm);
+        let of = |p: &Point3<f32>| (((p - foot).dot(along) / place_mm).floor() as i32, (p - foot).dot(away));
+        let near: Vec<(i32, f32)> = face.points.iter().map(of).filter(|(_, u)| u.abs() < reach_mm).collect();
+        let first = near.iter().map(|(at, _)| *at).min().unwrap_or(0);
+        let last = near.iter().map(|(at, _)| *at).max().unwrap_or(-1);
+        let places = (last - first + 1).max(0) as usize;
+        let mut ends = Self {
+            first,
+            last,
+            near_mm: vec![f32::INFINITY; places],
+            counts: vec![[0; 2]; places],
+            unsure_mm: voxel_mm,
+        };
+        for (at, u) in near {
+            let k = (at - first) as usize;
+            if u > -voxel_mm {
+                ends.near_mm[k] = ends.near_mm[k].min(u.max(0.0));
+            }
+            if u.abs() > voxel_mm {
+                ends.counts[k][usize::from(u < 0.0)] += 1;
+            }
+        }
+        ends
+    }
+
+    /// Beyond what is unsure of the line itself: 0 within a voxel.
+    fn near_mm(&self, at: i32) -> f32 {
+        let near_mm = self.near_mm.get((at - self.first) as usize).copied().unwrap_or(f32::INFINITY);
+        if near_mm < 2.0 * self.unsure_mm { 0.0 } else { near_mm }
+    }
+
+    /// Whether the face was seen on its own side of the line: of an outside corner both lie on the other.
+    fn is_shown(&self, at: i32) -> bool {
+        self.counts.get((at - self.first) as usize).is_some_and(|[before, _]| *before >= SHOWN)
+    }
+
+    /// Whether the face goes on behind the line as it is before it.
+    fn under(&self, at: i32) -> bool {
+        let [before, behind] = self.counts.get((at - self.first) as usize).copied().unwrap_or_default();
+        behind as f32 > THROUGH * before as f32
+    }
+}
