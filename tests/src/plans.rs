@@ -121,6 +121,7 @@ fn seam(path: &SeamPath) -> Seam {
         confidence: 0.9,
         expected_error_mm: 0.05,
         relative_error_mm: 0.05,
+        fit_error: weldpath::seam::FitError::default(),
         error_parts: ErrorParts {
             noise_mm: 0.05,
             registration_mm: 0.0,

@@ -28,10 +28,11 @@ pub mod measure;
 mod ordering;
 pub mod refine;
 pub mod score;
+pub mod surfaces;
 pub mod trace;
 mod unwelded;
 
-pub use error::ErrorParts;
+pub use error::{ErrorParts, FitError};
 pub use input::{Cues, INDEX_VOXELS, Input, RawScan, SurfaceModel};
 pub use unwelded::{Unwelded, WhyUnwelded};
 
@@ -145,6 +146,8 @@ pub struct Seam {
     pub relative_error_mm: f64,
     /// What comes from where.
     pub error_parts: ErrorParts,
+    /// By which it was judged whether it is a seam.
+    pub fit_error: FitError,
     /// One standard deviation of the position across the seam in the robot's base frame, both axes together, mm: the error
     /// within the scan, and that of the frame. Not a number where nothing is known of the frame.
     pub base_error_mm: f64,

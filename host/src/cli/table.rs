@@ -190,6 +190,7 @@ mod tests {
             confidence: 0.934,
             expected_error_mm: 0.08,
             relative_error_mm: 0.08,
+            fit_error: weldpath::seam::FitError::default(),
             error_parts: ErrorParts {
                 noise_mm: 0.08,
                 registration_mm: 0.0,

@@ -231,6 +231,7 @@ mod tests {
             expected_error_mm: 0.0,
             expected_error_deg: 0.0,
             relative_error_mm: 0.0,
+            fit_error: crate::seam::FitError::default(),
             error_parts: ErrorParts {
                 noise_mm: 0.0,
                 registration_mm: 0.0,

@@ -212,7 +212,7 @@ impl Wish<'_> {
         let chains = traced(self.input, &corners, &self.config.trace);
         let refine = |chain: &Chain| layers::refine(&self.input.scan, chain, v, &self.config.refine, &step);
         match self.chosen(&chains, refine, |chain, seam| step_seam(self.input, chain, seam)) {
-            Ok(Answer::Found(seam)) if seam.relative_error_mm >= STEP_ERROR_VOXELS * f64::from(v) => {
+            Ok(Answer::Found(seam)) if seam.fit_error.position_mm >= STEP_ERROR_VOXELS * f64::from(v) => {
                 Err(Some(left_out(&seam)))
             }
             answer => answer,

@@ -65,6 +65,7 @@ pub(super) fn described(
         expected_error_deg: expected.orientation_rad.to_degrees(),
         relative_error_mm: expected.relative_mm,
         error_parts: expected.parts,
+        fit_error: expected.fit,
         base_error_mm: expected.base_mm,
         base_error_deg: expected.base_rad.to_degrees(),
         contact: None,
@@ -116,11 +117,11 @@ pub(super) fn is_sure(scan: &RawScan, seam: &Seam, is_seen_alone: bool) -> bool 
     if seam.length_mm() < LEAST_LENGTH_MM {
         return false;
     }
-    let may_be_rib = scan.merged.cameras_mm.len() > 1 && seam.expected_error_deg <= MOST_ERROR_OF_RIB_DEG;
+    let may_be_rib = scan.merged.cameras_mm.len() > 1 && seam.fit_error.torch_deg <= MOST_ERROR_OF_RIB_DEG;
     let least = if may_be_rib { LEAST_QUALITY_OF_VIEWS } else { LEAST_QUALITY };
     let could_see_better = is_seen_alone && scan.merged.cameras_mm.len() > FEW_VIEWS;
     let most_deg = if could_see_better { MOST_ERROR_OF_RIB_DEG } else { MOST_ERROR_DEG };
-    seam.confidence >= confidence::probability(least) && seam.expected_error_deg <= most_deg
+    seam.confidence >= confidence::probability(least) && seam.fit_error.torch_deg <= most_deg
 }
 
 /// Least quality of a seam that was asked for: the corners of a faint one are few, and a person saw it.
@@ -131,7 +132,7 @@ const LEAST_QUALITY_ASKED: f64 = 0.3;
 pub(super) fn is_sure_if_asked(seam: &Seam) -> bool {
     seam.length_mm() >= LEAST_LENGTH_MM
         && seam.confidence >= confidence::probability(LEAST_QUALITY_ASKED)
-        && seam.expected_error_deg <= MOST_ERROR_DEG
+        && seam.fit_error.torch_deg <= MOST_ERROR_DEG
 }
 
 /// What is said of a seam that is not.

@@ -365,7 +365,7 @@ impl<'a> Drawing<'a> {
         let in_corners = self.in_corners(touches);
         let cornered = touches.iter().filter(|touch| in_corners[touch.sample.stretch]).count();
         let refined = self.refined(stations, touches);
-        let expected = expected::expect(&refined, scan.merged, scan.registration);
+        let expected = expected::expect(&refined, scan, self.input.waves());
         let is_corner = 2 * cornered > touches.len();
         let reason = if is_corner { "drawn where two faces meet" } else { "drawn on one face" };
         let station = |f: &Frame| Station {
@@ -373,7 +373,8 @@ impl<'a> Drawing<'a> {
             tangent: f.tangent.cast(),
             faces: f.faces.map(|n| n.cast()),
         };
-        let Expected { position_mm, relative_mm, parts, orientation_rad, base_mm, base_rad, .. } = expected;
+        let Expected { position_mm, relative_mm, parts, fit, orientation_rad, base_mm, base_rad, .. } =
+            expected;
         let mut seam = Seam {
             id: 0,
             joint: if is_corner { Joint::Fillet } else { Joint::ButtV },
@@ -385,6 +386,7 @@ impl<'a> Drawing<'a> {
             expected_error_deg: orientation_rad.to_degrees(),
             relative_error_mm: relative_mm,
             error_parts: parts,
+            fit_error: fit,
             base_error_mm: base_mm,
             base_error_deg: base_rad.to_degrees(),
             contact: None,

@@ -18,6 +18,16 @@ pub struct ErrorParts {
     pub touch_mm: f64,
 }
 
+/// What the scatter of a seam's own points tells of its error: by this it is judged whether a seam is there. What is stated of a seam
+/// that is offered also has what its points cannot tell.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct FitError {
+    /// Of the position across it, within the scan, mm.
+    pub position_mm: f64,
+    /// Of the torch, degrees.
+    pub torch_deg: f64,
+}
+
 impl ErrorParts {
     /// Of what was made of one exact cloud or mesh.
     pub(super) fn of_noise(noise_mm: f64) -> Self {

@@ -68,7 +68,8 @@ pub fn find(input: &Input, config: &SeamConfig) -> Found {
     let most_error_mm = if input.cues.blurred { BLURRED_ERROR_VOXELS * f64::from(v) } else { f64::INFINITY };
     let (mut seams, mut unsure) = (Vec::new(), Vec::new());
     for (seam, is_seen_alone) in found {
-        let is_sure = is_sure(&input.scan, &seam, is_seen_alone) && seam.relative_error_mm < most_error_mm;
+        let is_sure =
+            is_sure(&input.scan, &seam, is_seen_alone) && seam.fit_error.position_mm < most_error_mm;
         if is_sure { seams.push(seam) } else { unsure.push(seam) }
     }
     let is_lap = |seam: &Seam| seam.joint == Joint::Lap;
@@ -97,7 +98,7 @@ pub fn find(input: &Input, config: &SeamConfig) -> Found {
     let warnings = unsure.iter().map(left_out).collect();
     let unsure_lines = unsure.iter().map(|seam| Unwelded::of(seam, WhyUnwelded::Unsure, left_out(seam)));
     let lines = unsure_lines.chain(corners.unwelded(input, &config.trace)).collect();
-    let implied = implied::joints(&input.model, table.as_ref(), &input.scan.merged.origin_mm);
+    let implied = implied::joints(input.faces(), v, table.as_ref(), &input.scan.merged.origin_mm);
     let unwelded = unwelded::told(lines, implied, &seams, f64::from(v));
     let reason = unsure.first().map(left_out);
     let reason = reason.or_else(|| unwelded.first().map(|line| line.words.clone()));
@@ -226,7 +227,7 @@ pub(super) fn refined(input: &Input, chain: &Chain, config: &SeamConfig) -> Opti
 pub(super) fn corner_seam(input: &Input, chain: &Chain, seam: &Refined, most_mm: f32) -> Seam {
     let cross_section = joint::cross_section(seam, &input.model, most_mm);
     let (joint, reason) = joint::classify(&cross_section, seam.closed);
-    let expected = expected::expect(seam, input.scan.merged, input.scan.registration);
+    let expected = expected::expect(seam, &input.scan, input.waves());
     let evidence = fitup::JointEvidence {
         input,
         seam,
@@ -249,7 +250,7 @@ fn is_better<'a>(step: &Seam, laps: impl Iterator<Item = &'a Seam>, voxel_mm: f3
 pub(super) fn shows_better(step: &Seam, lap: &Seam, voxel_mm: f32) -> bool {
     let heights = step.dimensions.iter().filter(|d| d.quantity == Quantity::SheetThickness);
     let height_mm = heights.filter_map(|d| d.value.as_ref().ok()).map(|height| height.value).sum::<f64>();
-    height_mm < NARROW_VOXELS * f64::from(voxel_mm) && step.relative_error_mm < lap.relative_error_mm
+    height_mm < NARROW_VOXELS * f64::from(voxel_mm) && step.fit_error.position_mm < lap.fit_error.position_mm
 }
 
 /// Whether most of a lap runs beside a step.
@@ -284,7 +285,7 @@ fn step_seams(input: &Input, table: Option<&Support>, config: &SeamConfig) -> Ve
         let mut seams: Vec<Seam> =
             refined.iter().map(|(chain, seam)| step_seam(input, chain, seam)).collect();
         seams.retain(|seam| {
-            is_sure(&input.scan, seam, false) && seam.relative_error_mm < STEP_ERROR_VOXELS * f64::from(v)
+            is_sure(&input.scan, seam, false) && seam.fit_error.position_mm < STEP_ERROR_VOXELS * f64::from(v)
         });
         seams
     };
@@ -304,7 +305,7 @@ pub(super) fn shows_sheets(input: &Input) -> bool {
 /// A refined chain at the foot of a step.
 pub(super) fn step_seam(input: &Input, chain: &Chain, seam: &Refined) -> Seam {
     let height_mm = seam.reach_mm[1];
-    let expected = expected::expect(seam, input.scan.merged, input.scan.registration);
+    let expected = expected::expect(seam, &input.scan, input.waves());
     let identity = Identity {
         joint: Joint::Lap,
         reason: format!("a step of {height_mm:.1} mm between parallel faces"),

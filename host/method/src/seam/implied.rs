@@ -4,23 +4,11 @@
 //!
 //! Nothing is welded by this: where such a joint may be is named.
 
-use super::input::SurfaceModel;
-use super::trace::support::{self, Support};
+use super::surfaces::Face;
+use super::trace::support::Support;
 use super::unwelded::{Unwelded, WhyUnwelded};
-use crate::geometry::grid::Grid;
-use crate::geometry::plane::Moments;
 use nalgebra::{Point3, Vector3};
 
-/// Cosine of the angle within which a point faces as its face does, and height over it within which it lies on it, voxels: thin
-/// noisy voxels scatter by half of either.
-const FACING: f32 = 0.9;
-const HEIGHT_VOXELS: f32 = 1.2;
-/// Points are of one face if they are no farther apart than this, voxels.
-const NEXT_VOXELS: f32 = 2.0;
-/// A face is refitted whenever it has grown by this share.
-const GROWN: f32 = 1.3;
-/// Fewer points are no face: a strip as long as the shortest joint that is told, three voxels wide.
-const LEAST_POINTS: usize = 40;
 /// Faces meet at 30 to 150 degrees through the air; flatter ones are bends, and sharper ones let no torch in.
 const MOST_ALIKE: f32 = 0.87;
 /// A face ends this near to the joint at most, mm: a matcher's window of ten pixels at 400 mm rounds a corner over as much; or so
@@ -36,22 +24,13 @@ const THROUGH: f32 = 0.5;
 /// Fewer points of a face at a place of the joint do not show it; whole, there are ten.
 const SHOWN: u32 = 4;
 
-/// A flat face.
-struct Face {
-    /// Out of the material.
-    normal: Vector3<f32>,
-    level_mm: f32,
-    points: Vec<Point3<f32>>,
-}
-
-/// Joints of the faces of a model, the longest first; `origin_mm` is where its coordinates begin.
+/// Joints of the faces of a model, the longest first; `origin_mm` is where their coordinates begin.
 pub(super) fn joints(
-    model: &SurfaceModel,
+    faces: &[Face],
+    voxel_mm: f32,
     table: Option<&Support>,
     origin_mm: &Point3<f64>,
 ) -> Vec<Unwelded> {
-    let voxel_mm = model.voxel_mm();
-    let faces = faces(model);
     let mut lines = Vec::new();
     for (k, one) in faces.iter().enumerate() {
         for other in &faces[k + 1..] {
@@ -67,63 +46,6 @@ pub(super) fn joints(
     }
     lines.sort_by(|a, b| b.length_mm().total_cmp(&a.length_mm()));
     lines
-}
-
-/// The flat faces of a model, grown from points whose neighbours face as they do.
-fn faces(model: &SurfaceModel) -> Vec<Face> {
-    let (points, normals) = (&model.cloud.points_mm, &model.cloud.normals);
-    let voxel_mm = model.voxel_mm();
-    let reach_mm = NEXT_VOXELS * voxel_mm;
-    let grid = Grid::new(points, reach_mm);
-    let mut taken = vec![false; points.len()];
-    let mut faces = Vec::new();
-    for seed in 0..points.len() {
-        if taken[seed] {
-            continue;
-        }
-        let (mut normal, mut level_mm) = (normals[seed], normals[seed].dot(&points[seed].coords));
-        let (mut members, mut next, mut refit) = (vec![seed], 0, LEAST_POINTS / 4);
-        taken[seed] = true;
-        while next < members.len() {
-            let at = points[members[next]];
-            next += 1;
-            grid.within(&at, reach_mm, |slot, _| {
-                let k = grid.index(slot);
-                let height_mm = normal.dot(&points[k].coords) - level_mm;
-                if !taken[k] && normals[k].dot(&normal) > FACING && height_mm.abs() < HEIGHT_VOXELS * voxel_mm
-                {
-                    taken[k] = true;
-                    members.push(k);
-                }
-            });
-            if members.len() >= refit {
-                refit = (members.len() as f32 * GROWN) as usize;
-                (normal, level_mm) = fitted(&members, points, &normal);
-            }
-        }
-        if members.len() >= LEAST_POINTS {
-            (normal, level_mm) = fitted(&members, points, &normal);
-            let rows: Vec<_> = members.iter().map(|&k| (points[k], normals[k])).collect();
-            // Strips of a tube would meet all along it.
-            if !support::curves(&normal, &rows) {
-                faces.push(Face { normal, level_mm, points: members.iter().map(|&k| points[k]).collect() });
-            }
-        } else {
-            // They may be of another face, which a later point begins.
-            members[1..].iter().for_each(|&k| taken[k] = false);
-        }
-    }
-    faces
-}
-
-/// Normal, facing as before, and level of the plane of some points.
-fn fitted(members: &[usize], points: &[Point3<f32>], facing: &Vector3<f32>) -> (Vector3<f32>, f32) {
-    let from = points[members[0]];
-    let mut moments = Moments::default();
-    members.iter().for_each(|&k| moments.add(points[k] - from));
-    let plane = moments.plane();
-    let normal = if plane.normal.dot(facing) < 0.0 { -plane.normal } else { plane.normal };
-    (normal, normal.dot(&(from + plane.mean).coords))
 }
 
 /// Where two faces would meet in an inside corner: places along it, a run for each joint.

@@ -1,5 +1,6 @@
 //! What the steps before the seams hand over: the raw scan, the thinned model of it, and what is looked for in it.
 
+use super::surfaces::{Face, Surfaces, Waves};
 use crate::geometry::cloud::{Merged, Picture, PointCloud};
 use crate::geometry::grid::Grid;
 use crate::model::downsampling::Voxels;
@@ -20,6 +21,20 @@ pub struct Input<'a> {
     pub scene: &'a Voxels,
     /// What is looked for besides sharp inside corners.
     pub cues: Cues,
+    /// The faces of the model.
+    pub surfaces: Surfaces,
+}
+
+impl Input<'_> {
+    /// The flat faces of the model.
+    pub(crate) fn faces(&self) -> &[Face] {
+        self.surfaces.faces(&self.model)
+    }
+
+    /// How far they wave.
+    pub(crate) fn waves(&self) -> Waves {
+        self.surfaces.waves(&self.model)
+    }
 }
 
 /// The registered views before anything was thinned or filtered.

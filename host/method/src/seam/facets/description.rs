@@ -44,6 +44,7 @@ pub(super) fn seam(mesh: &Mesh, strand: &Strand, base_from_mesh: &Isometry3<f64>
         confidence: 1.0 - BLOCKED * blocked,
         expected_error_mm: position_mm,
         relative_error_mm: position_mm,
+        fit_error: crate::seam::FitError::default(),
         error_parts: ErrorParts::of_noise(position_mm),
         expected_error_deg: orientation_deg,
         base_error_mm: f64::NAN,

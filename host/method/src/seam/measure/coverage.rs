@@ -356,6 +356,7 @@ mod tests {
             confidence: 1.0,
             expected_error_mm: 0.1,
             relative_error_mm: 0.1,
+            fit_error: crate::seam::FitError::default(),
             error_parts: ErrorParts::of_noise(0.1),
             base_error_mm: f64::NAN,
             base_error_deg: f64::NAN,

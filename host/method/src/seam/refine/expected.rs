@@ -9,7 +9,9 @@ use super::frame::{CrossAxes, Frame};
 use crate::geometry::cloud::Merged;
 use crate::geometry::point_to_plane;
 use crate::model::reconstruction::Registration;
-use crate::seam::ErrorParts;
+use crate::seam::input::RawScan;
+use crate::seam::surfaces::Waves;
+use crate::seam::{ErrorParts, FitError};
 use nalgebra::{DMatrix, Matrix2, Matrix3, Matrix3x2, RowDVector, Vector3, Vector6};
 
 /// Errors of the method itself that no covariance knows, mm and rad. Chosen on the simulated scans.
@@ -36,6 +38,8 @@ pub struct Expected {
     pub registration_mm: f64,
     /// What comes from where.
     pub parts: ErrorParts,
+    /// Without waves.
+    pub fit: FitError,
     /// Torch orientation, rad.
     pub orientation_rad: f64,
     /// One standard deviation of the position across the seam in the base frame, both axes together, mm; not a number where
@@ -50,7 +54,8 @@ pub struct Expected {
 }
 
 /// The expected error of a refined seam.
-pub fn expect(seam: &Refined, merged: &Merged, registration: Option<&Registration>) -> Expected {
+pub fn expect(seam: &Refined, scan: &RawScan, waves: Waves) -> Expected {
+    let (merged, registration) = (scan.merged, scan.registration);
     // Windows overlap: this many stations share their points.
     let shared = f64::from(seam.window_mm / seam.step_mm).max(1.0);
     let independent = (seam.frames.len() as f64 / shared).max(1.0);
@@ -69,13 +74,24 @@ pub fn expect(seam: &Refined, merged: &Merged, registration: Option<&Registratio
     let eigen = poses.position_mm2.symmetric_eigen();
     let most = by_view_mm2.iter().copied().fold(0.0, f64::max);
     let (corner_mm2, corner_rad2) = lifted(seam);
-    let noise_mm2 = (seam.scatter_mm / MEDIAN_OF_RMS * kept).powi(2) + corner_mm2 + FLOOR_MM.powi(2);
-    let tilt_rad2 = (seam.tilt_rad * kept).powi(2) + corner_rad2 + FLOOR_RAD.powi(2);
+    let fitted_mm2 = (seam.scatter_mm / MEDIAN_OF_RMS).powi(2);
+    // Waves show in the scatter of a seam that is longer than they are.
+    let waved_mm2 = fitted_mm2.max(of_heights(seam, [f64::from(waves.height_mm); 2]));
+    let waved_rad = seam.tilt_rad.max(f64::from(waves.lean_rad));
+    let noise = |mm2: f64| mm2 * kept.powi(2) + corner_mm2 + FLOOR_MM.powi(2);
+    let tilt = |rad: f64| (rad * kept).powi(2) + corner_rad2 + FLOOR_RAD.powi(2);
+    let (noise_mm2, tilt_rad2) = (noise(waved_mm2), tilt(waved_rad));
+    let within_mm = |noise_mm2: f64| CAUTION * (noise_mm2 + apart.position_mm2.trace()).sqrt();
+    let torch_rad = |tilt_rad2: f64| CAUTION * (tilt_rad2 + turned_rad2).sqrt();
+    let fit = FitError {
+        position_mm: within_mm(noise(fitted_mm2)),
+        torch_deg: torch_rad(tilt(seam.tilt_rad)).to_degrees(),
+    };
     let (own_mm2, own_rad2) = (CAUTION.powi(2) * noise_mm2, CAUTION.powi(2) * tilt_rad2);
     let base = |own: f64, of: fn(&Poses) -> f64| in_base.as_ref().map_or(f64::NAN, |b| (own + of(b)).sqrt());
     Expected {
         position_mm: CAUTION * (noise_mm2 + moved_mm2).sqrt(),
-        relative_mm: CAUTION * (noise_mm2 + apart.position_mm2.trace()).sqrt(),
+        relative_mm: within_mm(noise_mm2),
         registration_mm: moved_mm2.sqrt(),
         parts: parts(
             own_mm2,
@@ -83,7 +99,8 @@ pub fn expect(seam: &Refined, merged: &Merged, registration: Option<&Registratio
             &poses,
             in_base.as_ref().map(|base| [base, &apart]),
         ),
-        orientation_rad: CAUTION * (tilt_rad2 + turned_rad2).sqrt(),
+        fit,
+        orientation_rad: torch_rad(tilt_rad2),
         base_mm: base(own_mm2, |poses| poses.position_mm2.trace()),
         base_rad: base(own_rad2, |poses| poses.orientation_rad2),
         loosest: eigen.eigenvectors.column(eigen.eigenvalues.imax()).into_owned(),
@@ -209,17 +226,22 @@ fn registered(seam: &Refined, errors: &PoseErrors<'_>) -> Poses {
 /// Variances that unknown lifts of the faces beside the root leave: of the position across the seam, mm², and of the
 /// orientation, rad²; means over the stations.
 fn lifted(seam: &Refined) -> (f64, f64) {
-    let heights_mm2 = Matrix2::from_diagonal(&seam.lift_unknown_mm.map(|mm| mm * mm).into());
+    // A face that is off at the root and right at its far end leans by so much; the torch by half of both.
+    let leans =
+        seam.lift_unknown_mm.iter().zip(seam.reach_mm).map(|(mm, reach)| mm / f64::from(reach).max(1.0));
+    (of_heights(seam, seam.lift_unknown_mm), 0.25 * leans.map(|rad| rad * rad).sum::<f64>())
+}
+
+/// Variance of the position across a seam whose faces are too high by independent errors, mm²; mean over the stations.
+fn of_heights(seam: &Refined, sigma_mm: [f64; 2]) -> f64 {
+    let heights_mm2 = Matrix2::from_diagonal(&sigma_mm.map(|mm| mm * mm).into());
     let (mut sum, mut count) = (0.0, 0.0);
     for (frame, _) in sampled(seam) {
         let Some(across) = across(frame, &frame.faces.map(|n| n.cast::<f64>())) else { continue };
         sum += (across * heights_mm2 * across.transpose()).trace();
         count += 1.0;
     }
-    // A face that is off at the root and right at its far end leans by so much; the torch by half of both.
-    let leans =
-        seam.lift_unknown_mm.iter().zip(seam.reach_mm).map(|(mm, reach)| mm / f64::from(reach).max(1.0));
-    (sum / f64::max(count, 1.0), 0.25 * leans.map(|rad| rad * rad).sum::<f64>())
+    sum / f64::max(count, 1.0)
 }
 
 /// What each view alone would contribute to the faces' heights, mm².

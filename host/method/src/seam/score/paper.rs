@@ -46,6 +46,7 @@ pub fn find(surface: &SurfaceModel, ratio_threshold: f64) -> Found {
         confidence: 0.0,
         expected_error_mm: f64::from(voxels.edge_mm),
         relative_error_mm: f64::from(voxels.edge_mm),
+        fit_error: crate::seam::FitError::default(),
         error_parts: ErrorParts::of_noise(f64::from(voxels.edge_mm)),
         expected_error_deg: 15.0,
         base_error_mm: f64::NAN,

@@ -1,0 +1,188 @@
+//! The flat faces of a model (ours), and how far they wave.
+//!
+//! A camera's error is alike over some millimetres of its picture, so that a fit to a part of a face is wrong by more than the noise
+//! about it says. How much more is told by the model's own large faces: parts of them, as large as what a seam is fitted to, lie off
+//! and lean against the whole.
+
+use super::input::SurfaceModel;
+use super::trace::support;
+use crate::geometry::grid::Grid;
+use crate::geometry::plane::Moments;
+use crate::geometry::statistics::median;
+use crate::geometry::table;
+use crate::model::normals::CORRELATED_POINTS;
+use nalgebra::{Point3, Vector3};
+use std::collections::HashMap;
+use std::sync::OnceLock;
+
+/// Cosine of the angle within which a point faces as its face does, and height over it within which it lies on it, voxels: thin
+/// noisy voxels scatter by half of either.
+const FACING: f32 = 0.9;
+const HEIGHT_VOXELS: f32 = 1.2;
+/// Points are of one face if they are no farther apart than this, voxels.
+const NEXT_VOXELS: f32 = 2.0;
+/// A face is refitted whenever it has grown by this share.
+const GROWN: f32 = 1.3;
+/// Fewer points are no face: a strip as long as the shortest joint that is told, three voxels wide.
+const LEAST_POINTS: usize = 40;
+/// Edge of the parts, voxels: as far as the points of a face are used beside a seam.
+const PART_VOXELS: f32 = 12.0;
+/// Points of a part, of the hundred and more of a whole one; parts of a face, and parts in all, below which nothing is told.
+const PART_POINTS: f32 = 60.0;
+const FACE_PARTS: usize = 6;
+const LEAST_PARTS: usize = 12;
+/// The median of the sum of two squared normal numbers, of unit variance each; and that of one.
+const MEDIAN_OF_TWO: f32 = 1.386;
+const MEDIAN_OF_ONE: f32 = 0.455;
+
+/// A flat face.
+#[derive(Debug)]
+pub struct Face {
+    /// Out of the material.
+    pub(super) normal: Vector3<f32>,
+    pub(super) level_mm: f32,
+    /// Those of the model, filtered, and their numbers.
+    pub(super) points: Vec<Point3<f32>>,
+    members: Vec<usize>,
+}
+
+/// How far parts of faces are off and lean, beyond what the noise about them explains: one standard deviation, of the height where a
+/// part ends, mm, and of the lean about each axis, rad.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Waves {
+    pub(super) height_mm: f32,
+    pub(super) lean_rad: f32,
+}
+
+/// The faces of a model: sought where they are first asked for.
+#[derive(Debug, Default)]
+pub struct Surfaces {
+    faces: OnceLock<Vec<Face>>,
+    waves: OnceLock<Waves>,
+}
+
+impl Surfaces {
+    pub(super) fn faces(&self, model: &SurfaceModel) -> &[Face] {
+        self.faces.get_or_init(|| grown(model))
+    }
+
+    pub(super) fn waves(&self, model: &SurfaceModel) -> Waves {
+        *self.waves.get_or_init(|| waves(self.faces(model), model))
+    }
+}
+
+/// The flat faces of a model, grown from points whose neighbours face as they do.
+fn grown(model: &SurfaceModel) -> Vec<Face> {
+    let (points, normals) = (&model.cloud.points_mm, &model.cloud.normals);
+    let voxel_mm = model.voxel_mm();
+    let reach_mm = NEXT_VOXELS * voxel_mm;
+    let grid = Grid::new(points, reach_mm);
+    let mut taken = vec![false; points.len()];
+    let mut faces = Vec::new();
+    for seed in 0..points.len() {
+        if taken[seed] {
+            continue;
+        }
+        let (mut normal, mut level_mm) = (normals[seed], normals[seed].dot(&points[seed].coords));
+        let (mut members, mut next, mut refit) = (vec![seed], 0, LEAST_POINTS / 4);
+        taken[seed] = true;
+        while next < members.len() {
+            let at = points[members[next]];
+            next += 1;
+            grid.within(&at, reach_mm, |slot, _| {
+                let k = grid.index(slot);
+                let height_mm = normal.dot(&points[k].coords) - level_mm;
+                if !taken[k] && normals[k].dot(&normal) > FACING && height_mm.abs() < HEIGHT_VOXELS * voxel_mm
+                {
+                    taken[k] = true;
+                    members.push(k);
+                }
+            });
+            if members.len() >= refit {
+                refit = (members.len() as f32 * GROWN) as usize;
+                (normal, level_mm) = fitted(&members, points, &normal);
+            }
+        }
+        if members.len() >= LEAST_POINTS {
+            (normal, level_mm) = fitted(&members, points, &normal);
+            let rows: Vec<_> = members.iter().map(|&k| (points[k], normals[k])).collect();
+            // Strips of a tube would meet all along it.
+            if !support::curves(&normal, &rows) {
+                let points = members.iter().map(|&k| points[k]).collect();
+                faces.push(Face { normal, level_mm, points, members });
+            }
+        } else {
+            // They may be of another face, which a later point begins.
+            members[1..].iter().for_each(|&k| taken[k] = false);
+        }
+    }
+    faces
+}
+
+/// Normal, facing as before, and level of the plane of some points.
+fn fitted(members: &[usize], points: &[Point3<f32>], facing: &Vector3<f32>) -> (Vector3<f32>, f32) {
+    let from = points[members[0]];
+    let mut moments = Moments::default();
+    members.iter().for_each(|&k| moments.add(points[k] - from));
+    let plane = moments.plane();
+    let normal = if plane.normal.dot(facing) < 0.0 { -plane.normal } else { plane.normal };
+    (normal, normal.dot(&(from + plane.mean).coords))
+}
+
+fn waves(faces: &[Face], model: &SurfaceModel) -> Waves {
+    let parts: Vec<Part> = faces.iter().flat_map(|face| parts(face, model)).collect();
+    if parts.len() < LEAST_PARTS {
+        return Waves::default();
+    }
+    let of = |value: fn(&Part) -> f32| median(&mut parts.iter().map(value).collect::<Vec<_>>());
+    let beyond = |found: f32, expected: f32| (found - expected).max(0.0).sqrt();
+    Waves {
+        height_mm: beyond(of(|part| part.height_mm2) / MEDIAN_OF_ONE, of(|part| part.noise_mm2)),
+        lean_rad: beyond(of(|part| part.lean2) / MEDIAN_OF_TWO, of(|part| part.noise_rad2)),
+    }
+}
+
+/// A part of a face against the whole.
+struct Part {
+    /// Squared height over the face where it ends.
+    height_mm2: f32,
+    /// Squared angle between both.
+    lean2: f32,
+    /// What of them the noise of its points explains.
+    noise_mm2: f32,
+    noise_rad2: f32,
+}
+
+/// The square parts of a face, of its points before the filter.
+fn parts(face: &Face, model: &SurfaceModel) -> Vec<Part> {
+    let edge_mm = PART_VOXELS * model.voxel_mm();
+    let [a, b] = table::axes(&face.normal);
+    let mut moments: HashMap<[i32; 2], Moments> = HashMap::new();
+    for &k in &face.members {
+        let p = model.voxels.cloud.points_mm[k].coords;
+        // In the axes of the face: along it twice, then its height.
+        let local = Vector3::new(p.dot(&a), p.dot(&b), p.dot(&face.normal) - face.level_mm);
+        let at = [local.x, local.y].map(|x| (x / edge_mm).floor() as i32);
+        let corner = Vector3::new(at[0] as f32, at[1] as f32, 0.0) * edge_mm;
+        moments.entry(at).or_default().add(local - corner);
+    }
+    moments.retain(|_, moments| moments.count >= PART_POINTS);
+    if moments.len() < FACE_PARTS {
+        return Vec::new();
+    }
+    let part = |moments: Moments| {
+        let plane = moments.plane();
+        let [lean_x, lean_y] = [plane.normal.x, plane.normal.y].map(|x| -x / plane.normal.z);
+        let half_mm = 0.5 * edge_mm;
+        let height_mm = plane.mean.z + lean_x * (edge_mm - plane.mean.x) + lean_y * (half_mm - plane.mean.y);
+        let mean_mm2 = CORRELATED_POINTS * plane.variance_mm2 / moments.count;
+        let noise_rad2 = mean_mm2 * 12.0 / (edge_mm * edge_mm);
+        Part {
+            height_mm2: height_mm * height_mm,
+            lean2: lean_x * lean_x + lean_y * lean_y,
+            noise_mm2: mean_mm2 + noise_rad2 * half_mm * half_mm,
+            noise_rad2,
+        }
+    };
+    moments.into_values().map(part).collect()
+}
