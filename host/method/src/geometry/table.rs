@@ -176,7 +176,7 @@ pub(crate) fn carries(points: &[Point3<f32>], up: &Vector3<f32>, level_mm: f32, 
 pub(crate) struct Rim {
     /// Length at the sides of the picture, in cells.
     cut: usize,
-    /// Length within the picture, where nothing is seen beyond it.
+    /// Length within the picture, where nothing is seen beyond it as far as a side.
     ends: usize,
 }
 
@@ -232,6 +232,7 @@ pub(crate) fn rim(
         is_side(&mut (0..wide).map(|x| (x, 0))),
         is_side(&mut (0..wide).map(|x| (x, high - 1))),
     ];
+    let open = open(&cells.iter().map(|(seen, _)| *seen == 0).collect::<Vec<_>>(), wide);
     let mut rim = Rim::default();
     for (x, y) in (0..high).flat_map(|y| (0..wide).map(move |x| (x, y))) {
         if at(x, y).is_none_or(|(seen, of_plane)| 2 * of_plane <= seen) {
@@ -241,12 +242,30 @@ pub(crate) fn rim(
         for ((x, y), is_side) in beyond.into_iter().zip(is_side) {
             match at(x, y) {
                 None if is_side => rim.cut += 1,
-                None | Some((0, _)) => rim.ends += 1,
+                None => rim.ends += 1,
+                Some((0, _)) => rim.ends += usize::from(open[y * wide + x]),
                 Some(_) => {}
             }
         }
     }
     rim
+}
+
+/// Of the empty cells of a picture so many cells wide, those from which empty ones lead to a side. Where the plane ends, nothing is seen
+/// from there on; the others are holes in it: what something hides from one eye or both, and what a camera loses.
+fn open(empty: &[bool], wide: usize) -> Vec<bool> {
+    let high = empty.len() / wide.max(1);
+    let mut open = vec![false; empty.len()];
+    let is_side = |k: &usize| k % wide == 0 || k % wide == wide - 1 || k / wide == 0 || k / wide == high - 1;
+    let mut next: Vec<usize> = (0..empty.len()).filter(|k| empty[*k] && is_side(k)).collect();
+    while let Some(k) = next.pop() {
+        if !std::mem::replace(&mut open[k], true) {
+            let beside = [(k % wide > 0).then(|| k - 1), (k % wide + 1 < wide).then_some(k + 1)];
+            let over = [k.checked_sub(wide), (k + wide < empty.len()).then_some(k + wide)];
+            next.extend(beside.into_iter().chain(over).flatten().filter(|&k| empty[k] && !open[k]));
+        }
+    }
+    open
 }
 
 impl Picture {
@@ -310,6 +329,10 @@ mod tests {
         assert!(leaves(1000.0, picture(1.0)) && leaves(330.0, picture(1.0)));
         assert!(leaves(1000.0, picture(1.1)), "a camera may see nothing at the sides of its sensor");
         assert!(!leaves(1000.0, picture(2.0)), "what fills all that was seen ends in a larger picture");
+        let holes: Vec<bool> =
+            "##.## #..## ##### #.#.# #####".split(' ').flat_map(str::bytes).map(|b| b == b'.').collect();
+        let found = open(&holes, 5).iter().filter(|open| **open).count();
+        assert_eq!(found, 3, "of six empty cells those in the middle of the first row and below it lead out");
         assert!(!rim(&[], &Isometry3::identity(), None, |_| true).is_far(), "nothing is seen");
     }
 }

@@ -101,7 +101,9 @@ pub fn find(input: &Input, config: &SeamConfig) -> Found {
     let implied = implied::joints(input.faces(), v, table.as_ref(), &input.scan.merged.origin_mm);
     let unwelded = unwelded::told(lines, implied, &seams, f64::from(v));
     let reason = unsure.first().map(left_out);
-    let reason = reason.or_else(|| unwelded.first().map(|line| line.words.clone()));
+    // The table is the last thing that a reader asks about.
+    let told = unwelded.iter().min_by_key(|line| line.reason == WhyUnwelded::Table);
+    let reason = reason.or_else(|| told.map(|line| line.words.clone()));
     Found {
         seams,
         reason: reason.unwrap_or_else(|| corners.reason().into()),

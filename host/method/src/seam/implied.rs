@@ -140,3 +140,45 @@ impl Ends {
         behind as f32 > THROUGH * before as f32
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::surfaces::tests::surfaces;
+    use super::*;
+
+    /// A plate of 80 x 60 mm with a web 50 mm high that stands across it, seen from one side: nothing within `lost_mm` of the foot.
+    fn web(lost_mm: i32, lifted_mm: f32) -> Vec<(Point3<f32>, Vector3<f32>)> {
+        let plate = (-40..=40).flat_map(|x| (0..=60).map(move |y| (x, y)));
+        let under = lifted_mm > 0.0;
+        let seen = move |&(_, y): &(i32, i32)| under || y >= 30 + lost_mm;
+        let plate = plate.filter(seen).map(|(x, y)| (Point3::new(x as f32, y as f32, 0.0), Vector3::z()));
+        let wall = (-40..=40).flat_map(|x| (lost_mm..=50).map(move |z| (x, z)));
+        let wall = wall.map(|(x, z)| (Point3::new(x as f32, 30.0, z as f32 + lifted_mm), Vector3::y()));
+        plate.chain(wall).collect()
+    }
+
+    fn joints_of(rows: Vec<(Point3<f32>, Vector3<f32>)>) -> Vec<Unwelded> {
+        joints(&surfaces(rows).0, 1.0, None, &Point3::origin())
+    }
+
+    #[test]
+    fn faces_that_end_before_their_corner_imply_it_where_it_is() {
+        for lost_mm in [3, 8] {
+            let found = joints_of(web(lost_mm, 0.0));
+            assert_eq!(found.len(), 1);
+            assert!((found[0].length_mm() - 80.0).abs() < 5.0, "{}", found[0].length_mm());
+            assert!(found[0].line_mm.iter().all(|p| (p.y - 30.0).abs() < 0.1 && p.z.abs() < 0.1));
+        }
+        assert!(joints_of(web(16, 0.0)).is_empty(), "too far apart to tell");
+    }
+
+    #[test]
+    fn a_wall_that_stands_off_a_plate_and_an_outside_edge_imply_nothing() {
+        assert!(joints_of(web(0, 8.0)).is_empty(), "the plate goes on under the wall");
+        let edge = (0..=60).flat_map(|a| (0..=60).map(move |b| (a as f32, b as f32)));
+        let edge = edge.flat_map(|(a, b)| {
+            [(Point3::new(a, b, 0.0), Vector3::z()), (Point3::new(a, 0.0, -b), -Vector3::y())]
+        });
+        assert!(joints_of(edge.collect()).is_empty());
+    }
+}

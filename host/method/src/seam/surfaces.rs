@@ -186,3 +186,42 @@ fn parts(face: &Face, model: &SurfaceModel) -> Vec<Part> {
     };
     moments.into_values().map(part).collect()
 }
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+    use crate::geometry::cloud::PointCloud;
+    use crate::model::downsampling::Voxels;
+
+    /// The faces of points 1 mm apart with their normals, and how far they wave.
+    pub(in crate::seam) fn surfaces(rows: Vec<(Point3<f32>, Vector3<f32>)>) -> (Vec<Face>, Waves) {
+        let (points_mm, normals) = rows.into_iter().unzip();
+        let cloud = PointCloud { points_mm, normals, ..PointCloud::default() };
+        let voxels = Voxels { edge_mm: 1.0, cloud: cloud.clone(), ..Voxels::default() };
+        let index = Grid::new(&cloud.points_mm, 4.0);
+        let model = SurfaceModel { voxels: &voxels, cloud: &cloud, index: &index, asymmetries: &[] };
+        let faces = grown(&model);
+        let waves = waves(&faces, &model);
+        (faces, waves)
+    }
+
+    /// A square of 150 mm whose height is this.
+    fn square(height_mm: impl Fn(f32, f32) -> f32) -> Vec<(Point3<f32>, Vector3<f32>)> {
+        let place = |k: usize| ((k % 150) as f32, (k / 150) as f32);
+        (0..150 * 150).map(place).map(|(x, y)| (Point3::new(x, y, height_mm(x, y)), Vector3::z())).collect()
+    }
+
+    #[test]
+    fn waves_are_told_from_noise_and_as_large_as_they_are() {
+        let noise = |x: f32, y: f32| 0.2 * ((x * 12.9898 + y * 78.233).sin() * 43_758.547).fract();
+        let (faces, plain) = surfaces(square(noise));
+        assert_eq!(faces.len(), 1);
+        assert!(plain.height_mm < 0.03 && plain.lean_rad < 0.004, "{plain:?}");
+        // 0.4 mm high, 60 mm long each way: slopes of 0.4 x 2 pi / 60 / 2 as root mean square about each axis, less what a part of
+        // 12 mm averages.
+        let wave = |x: f32, y: f32| 0.4 * (x * 0.105).sin() * (y * 0.105).sin();
+        let (_, waved) = surfaces(square(|x, y| noise(x, y) + wave(x, y)));
+        assert!((0.012..0.03).contains(&waved.lean_rad), "{waved:?}");
+        assert!((0.1..0.35).contains(&waved.height_mm), "{waved:?}");
+    }
+}

@@ -78,7 +78,8 @@ mod tests {
         let plain = excess([pairs(0.0).as_slice()].into_iter());
         assert!(plain < 1.5, "{plain}");
         let waved = excess([pairs(1.0).as_slice()].into_iter());
-        assert!(waved > 20.0, "{waved}");
+        // A mean of 25 pairs varies by 1/25 and the wave, whose variance is 1 and of which 10 mm leave some six tenths.
+        assert!((12.0..26.0).contains(&waved), "{waved}");
         assert_eq!(excess([&pairs(1.0)[..40]].into_iter()), 1.0, "too few to tell");
     }
 }
