@@ -209,8 +209,10 @@ fn seam(bencher: Bencher, case: Case) {
     let asymmetries = edges::asymmetries(&index, reach_mm);
     let model =
         seam::SurfaceModel { voxels: &voxels, cloud: &model, index: &index, asymmetries: &asymmetries };
-    let input = seam::Input { scan, model, scene: &voxels, cues: seam::Cues::default() };
-    run(bencher, case, || seam::extraction::find(&input, &Default::default()).seams);
+    run(bencher, case, || {
+        let input = seam::Input::new(scan.clone(), model, &voxels, seam::Cues::default());
+        seam::extraction::find(&input, &Default::default()).seams
+    });
 }
 
 #[divan::bench(args = CASES)]

@@ -28,7 +28,7 @@ pub mod measure;
 mod ordering;
 pub mod refine;
 pub mod score;
-pub mod surfaces;
+mod surfaces;
 pub mod trace;
 mod unwelded;
 

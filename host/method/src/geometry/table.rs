@@ -254,9 +254,10 @@ pub(crate) fn rim(
 /// Of the empty cells of a picture so many cells wide, those from which empty ones lead to a side. Where the plane ends, nothing is seen
 /// from there on; the others are holes in it: what something hides from one eye or both, and what a camera loses.
 fn open(empty: &[bool], wide: usize) -> Vec<bool> {
-    let high = empty.len() / wide.max(1);
     let mut open = vec![false; empty.len()];
-    let is_side = |k: &usize| k % wide == 0 || k % wide == wide - 1 || k / wide == 0 || k / wide == high - 1;
+    let is_side = |k: &usize| {
+        k.is_multiple_of(wide) || (k + 1).is_multiple_of(wide) || *k < wide || k + wide >= empty.len()
+    };
     let mut next: Vec<usize> = (0..empty.len()).filter(|k| empty[*k] && is_side(k)).collect();
     while let Some(k) = next.pop() {
         if !std::mem::replace(&mut open[k], true) {

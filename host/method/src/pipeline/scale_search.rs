@@ -14,7 +14,6 @@ use crate::model::reconstruction::Registration;
 use crate::seam::asked::{self, Answer, Shared};
 use crate::seam::drawn;
 use crate::seam::score::{edges, paper};
-use crate::seam::surfaces::Surfaces;
 use crate::seam::trace::support;
 use crate::seam::{Cues, Found, INDEX_VOXELS, Input, RawScan, Seam, SurfaceModel, extraction};
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -189,7 +188,7 @@ impl ScaleSearch<'_> {
     fn input<'b>(&'b self, result: &'b ScaleResult) -> Input<'b> {
         let scan = RawScan { table_shown: result.model.table_shown, ..self.raw_scan() };
         let (model, scene) = (result.model.surface(), result.model.scene().0);
-        Input { scan, model, scene, cues: result.cues, surfaces: Surfaces::default() }
+        Input::new(scan, model, scene, result.cues)
     }
 
     /// Seams in voxels of one size.
@@ -206,8 +205,7 @@ impl ScaleSearch<'_> {
             Method::Weldpath => {
                 let scan = RawScan { table_shown: model.table_shown, ..self.raw_scan() };
                 let cues = Cues { steps: cues.steps || model.table_shown, ..cues };
-                let surfaces = Surfaces::default();
-                let input = Input { scan, model: model.surface(), scene: model.scene().0, cues, surfaces };
+                let input = Input::new(scan, model.surface(), model.scene().0, cues);
                 match self.mesh() {
                     Some((mesh, pose)) => extraction::find_in_mesh(&input, mesh, pose),
                     None => extraction::find(&input, &self.config.seam),

@@ -51,7 +51,8 @@ pub(super) fn joints(
 /// Where two faces would meet in an inside corner: places along it, a run for each joint.
 fn met(one: &Face, other: &Face, voxel_mm: f32) -> Vec<Vec<Point3<f32>>> {
     let alike = one.normal.dot(&other.normal);
-    if alike.abs() > MOST_ALIKE {
+    let gap_mm = GAP_MM.max(GAP_VOXELS * voxel_mm);
+    if alike.abs() > MOST_ALIKE || one.apart_mm(other) > 2.0 * gap_mm {
         return Vec::new();
     }
     let along = one.normal.cross(&other.normal).normalize();
@@ -70,7 +71,6 @@ fn met(one: &Face, other: &Face, voxel_mm: f32) -> Vec<Vec<Point3<f32>>> {
         Ends::of(face, &foot, &along, &away, voxel_mm)
     });
     let (first, last) = (a.first.max(b.first), a.last.min(b.last));
-    let gap_mm = GAP_MM.max(GAP_VOXELS * voxel_mm);
     let is_joint = |at: i32| {
         let ([near_a, near_b], [under_a, under_b]) =
             ([a.near_mm(at), b.near_mm(at)], [a.under(at), b.under(at)]);

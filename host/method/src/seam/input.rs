@@ -21,11 +21,15 @@ pub struct Input<'a> {
     pub scene: &'a Voxels,
     /// What is looked for besides sharp inside corners.
     pub cues: Cues,
-    /// The faces of the model.
-    pub surfaces: Surfaces,
+    surfaces: Surfaces,
 }
 
-impl Input<'_> {
+impl<'a> Input<'a> {
+    /// What is given; the faces of the model are sought when they are first asked for.
+    pub fn new(scan: RawScan<'a>, model: SurfaceModel<'a>, scene: &'a Voxels, cues: Cues) -> Self {
+        Self { scan, model, scene, cues, surfaces: Surfaces::default() }
+    }
+
     /// The flat faces of the model.
     pub(crate) fn faces(&self) -> &[Face] {
         self.surfaces.faces(&self.model)
@@ -38,6 +42,7 @@ impl Input<'_> {
 }
 
 /// The registered views before anything was thinned or filtered.
+#[derive(Clone)]
 pub struct RawScan<'a> {
     /// All raw points of the work.
     pub merged: &'a Merged,

@@ -37,13 +37,24 @@ const MEDIAN_OF_ONE: f32 = 0.455;
 
 /// A flat face.
 #[derive(Debug)]
-pub struct Face {
+pub(crate) struct Face {
     /// Out of the material.
     pub(super) normal: Vector3<f32>,
     pub(super) level_mm: f32,
     /// Those of the model, filtered, and their numbers.
     pub(super) points: Vec<Point3<f32>>,
     members: Vec<usize>,
+    /// The box around them: its low corner and its high one.
+    corners_mm: [Point3<f32>; 2],
+}
+
+impl Face {
+    /// How far the boxes around two faces are apart along the axis along which they are farthest apart, mm; negative where they overlap.
+    pub(super) fn apart_mm(&self, other: &Self) -> f32 {
+        let ([low, high], [other_low, other_high]) = (self.corners_mm, other.corners_mm);
+        let apart = |k: usize| (other_low[k] - high[k]).max(low[k] - other_high[k]);
+        apart(0).max(apart(1)).max(apart(2))
+    }
 }
 
 /// How far parts of faces are off and lean, beyond what the noise about them explains: one standard deviation, of the height where a
@@ -56,7 +67,7 @@ pub struct Waves {
 
 /// The faces of a model: sought where they are first asked for.
 #[derive(Debug, Default)]
-pub struct Surfaces {
+pub(super) struct Surfaces {
     faces: OnceLock<Vec<Face>>,
     waves: OnceLock<Waves>,
 }
@@ -108,8 +119,10 @@ fn grown(model: &SurfaceModel) -> Vec<Face> {
             let rows: Vec<_> = members.iter().map(|&k| (points[k], normals[k])).collect();
             // Strips of a tube would meet all along it.
             if !support::curves(&normal, &rows) {
-                let points = members.iter().map(|&k| points[k]).collect();
-                faces.push(Face { normal, level_mm, points, members });
+                let points: Vec<Point3<f32>> = members.iter().map(|&k| points[k]).collect();
+                let corners_mm =
+                    points.iter().fold([points[0]; 2], |[low, high], p| [low.inf(p), high.sup(p)]);
+                faces.push(Face { normal, level_mm, points, members, corners_mm });
             }
         } else {
             // They may be of another face, which a later point begins.

@@ -169,7 +169,7 @@ impl RegistrationProblem {
                 if last && iteration == 0 {
                     self.excess = correlation::excess(self.ties.iter().map(|tie| tie.pairs.as_slice()));
                 }
-                reached = self.step(gate_mm, config);
+                reached = self.iterate(gate_mm, config);
                 self.look(&mut seen);
                 let fine_mm = if last { 0.002 } else { 0.05 };
                 if reached.largest_mm < fine_mm {
@@ -225,7 +225,7 @@ impl RegistrationProblem {
     }
 
     /// One linear step of all views, eq. (6).
-    fn step(&mut self, gate_mm: f32, config: &ReconstructionConfig) -> Step {
+    fn iterate(&mut self, gate_mm: f32, config: &ReconstructionConfig) -> Step {
         let views = self.sources.len();
         let share = (1.0 / self.excess) as f32;
         self.ties.par_iter_mut().flat_map(|tie| &mut tie.pairs).for_each(|pair| pair.weight *= share);
