@@ -120,7 +120,9 @@ fn a_thousand_seams_are_ordered_in_ten_seconds_and_the_command_is_never_silent()
     assert!(whole.saturating_sub(rest) < Duration::from_secs(10), "{whole:?} {rest:?}");
     let still = |stage: &str| said.iter().filter(|(_, line)| line.starts_with(stage)).collect::<Vec<_>>();
     let order = still("order: ");
-    assert!(!order.is_empty(), "{said:?}");
+    // A line is due after two seconds of a stage.
+    let ordering = whole.saturating_sub(rest);
+    assert!(!order.is_empty() || ordering < Duration::from_millis(2500), "{ordering:?}: {said:?}");
     assert!(order.windows(2).all(|w| w[1].0 - w[0].0 < Duration::from_millis(2500)), "{said:?}");
     let table = fs::read_to_string(posts.with_file_name("table")).unwrap();
     assert!(table.contains("many-seams: 1000 seams"), "{table}");

@@ -6,7 +6,6 @@
 
 use super::input::SurfaceModel;
 use super::trace::support;
-use crate::geometry::grid::Grid;
 use crate::geometry::plane::Moments;
 use crate::geometry::statistics::median;
 use crate::geometry::table;
@@ -19,8 +18,8 @@ use std::sync::OnceLock;
 /// noisy voxels scatter by half of either.
 const FACING: f32 = 0.9;
 const HEIGHT_VOXELS: f32 = 1.2;
-/// Points are of one face if they are no farther apart than this, voxels.
-const NEXT_VOXELS: f32 = 2.0;
+/// Patches that tell a plane by their places.
+const LEAST_PATCHES: usize = 6;
 /// A face is refitted whenever it has grown by this share.
 const GROWN: f32 = 1.3;
 /// Fewer points are no face: a strip as long as the shortest joint that is told, three voxels wide.
@@ -49,6 +48,15 @@ pub(crate) struct Face {
 }
 
 impl Face {
+    /// Of the points at these slots of a model's index.
+    fn new(slots: &[usize], facing: &Vector3<f32>, model: &SurfaceModel) -> Self {
+        let points: Vec<Point3<f32>> = slots.iter().map(|&slot| model.index.point(slot)).collect();
+        let (normal, level_mm) = fitted(points.iter().map(|p| p.coords), facing);
+        let corners_mm = points.iter().fold([points[0]; 2], |[low, high], p| [low.inf(p), high.sup(p)]);
+        let members = slots.iter().map(|&slot| model.index.index(slot)).collect();
+        Self { normal, level_mm, points, members, corners_mm }
+    }
+
     /// How far the boxes around two faces are apart along the axis along which they are farthest apart, mm; negative where they overlap.
     pub(super) fn apart_mm(&self, other: &Self) -> f32 {
         let ([low, high], [other_low, other_high]) = (self.corners_mm, other.corners_mm);
@@ -82,64 +90,127 @@ impl Surfaces {
     }
 }
 
-/// The flat faces of a model, grown from points whose neighbours face as they do.
-fn grown(model: &SurfaceModel) -> Vec<Face> {
-    let (points, normals) = (&model.cloud.points_mm, &model.cloud.normals);
-    let voxel_mm = model.voxel_mm();
-    let reach_mm = NEXT_VOXELS * voxel_mm;
-    let grid = Grid::new(points, reach_mm);
-    let mut taken = vec![false; points.len()];
-    let mut faces = Vec::new();
-    for seed in 0..points.len() {
-        if taken[seed] {
-            continue;
-        }
-        let (mut normal, mut level_mm) = (normals[seed], normals[seed].dot(&points[seed].coords));
-        let (mut members, mut next, mut refit) = (vec![seed], 0, LEAST_POINTS / 4);
-        taken[seed] = true;
-        while next < members.len() {
-            let at = points[members[next]];
-            next += 1;
-            grid.within(&at, reach_mm, |slot, _| {
-                let k = grid.index(slot);
-                let height_mm = normal.dot(&points[k].coords) - level_mm;
-                if !taken[k] && normals[k].dot(&normal) > FACING && height_mm.abs() < HEIGHT_VOXELS * voxel_mm
-                {
-                    taken[k] = true;
-                    members.push(k);
-                }
-            });
-            if members.len() >= refit {
-                refit = (members.len() as f32 * GROWN) as usize;
-                (normal, level_mm) = fitted(&members, points, &normal);
-            }
-        }
-        if members.len() >= LEAST_POINTS {
-            (normal, level_mm) = fitted(&members, points, &normal);
-            let rows: Vec<_> = members.iter().map(|&k| (points[k], normals[k])).collect();
-            // Strips of a tube would meet all along it.
-            if !support::curves(&normal, &rows) {
-                let points: Vec<Point3<f32>> = members.iter().map(|&k| points[k]).collect();
-                let corners_mm =
-                    points.iter().fold([points[0]; 2], |[low, high], p| [low.inf(p), high.sup(p)]);
-                faces.push(Face { normal, level_mm, points, members, corners_mm });
-            }
-        } else {
-            // They may be of another face, which a later point begins.
-            members[1..].iter().for_each(|&k| taken[k] = false);
-        }
-    }
-    faces
+/// The points of a cell of the model that face one way.
+struct Patch {
+    cell: [usize; 3],
+    /// Sums over its points.
+    normal: Vector3<f32>,
+    place: Vector3<f32>,
+    count: u32,
 }
 
-/// Normal, facing as before, and level of the plane of some points.
-fn fitted(members: &[usize], points: &[Point3<f32>], facing: &Vector3<f32>) -> (Vector3<f32>, f32) {
-    let from = points[members[0]];
+impl Patch {
+    fn mean(&self) -> Vector3<f32> {
+        self.place / self.count as f32
+    }
+}
+
+/// Which patch or face something is of: none.
+const NONE: u32 = u32::MAX;
+
+/// The patches of a model, and of each slot of its index the one that its point is of.
+fn patches(model: &SurfaceModel) -> (Vec<Patch>, Vec<u32>) {
+    let (index, normals) = (model.index, &model.cloud.normals);
+    let (mut patches, mut of): (Vec<Patch>, _) = (Vec::new(), vec![NONE; index.len()]);
+    for (cell, slots) in index.occupied() {
+        let first = patches.len();
+        for slot in slots {
+            let (normal, place) = (normals[index.index(slot)], index.point(slot).coords);
+            let is_own = |patch: &Patch| {
+                let along = patch.normal.dot(&normal);
+                along > 0.0 && along * along > FACING * FACING * patch.normal.norm_squared()
+            };
+            let own = patches[first..].iter().position(is_own).map_or(patches.len(), |k| first + k);
+            if own == patches.len() {
+                patches.push(Patch {
+                    cell: cell.at,
+                    normal: Vector3::zeros(),
+                    place: Vector3::zeros(),
+                    count: 0,
+                });
+            }
+            let patch = &mut patches[own];
+            (patch.normal, patch.place, patch.count) =
+                (patch.normal + normal, patch.place + place, patch.count + 1);
+            of[slot] = own as u32;
+        }
+    }
+    patches
+        .iter_mut()
+        .for_each(|patch| patch.normal = patch.normal.try_normalize(1e-6).unwrap_or_else(Vector3::z));
+    (patches, of)
+}
+
+/// The flat faces of a model, grown from patch to patch, the fullest first.
+fn grown(model: &SurfaceModel) -> Vec<Face> {
+    let (patches, of) = patches(model);
+    let most_mm = HEIGHT_VOXELS * model.voxel_mm();
+    let mut in_cell: HashMap<[usize; 3], Vec<usize>> = HashMap::new();
+    for (k, patch) in patches.iter().enumerate() {
+        in_cell.entry(patch.cell).or_default().push(k);
+    }
+    let mut fullest: Vec<usize> = (0..patches.len()).collect();
+    fullest.sort_by_key(|&k| std::cmp::Reverse(patches[k].count));
+    let mut face_of = vec![NONE; patches.len()];
+    let mut planes = Vec::new();
+    for seed in fullest {
+        if face_of[seed] != NONE {
+            continue;
+        }
+        let face = planes.len() as u32;
+        let mut plane = (patches[seed].normal, patches[seed].normal.dot(&patches[seed].mean()));
+        let (mut members, mut next, mut refit) = (vec![seed], 0, LEAST_PATCHES);
+        face_of[seed] = face;
+        while next < members.len() {
+            for cell in around(patches[members[next]].cell) {
+                for &k in in_cell.get(&cell).into_iter().flatten() {
+                    let (normal, level_mm) = plane;
+                    let is_on = patches[k].normal.dot(&normal) > FACING
+                        && (normal.dot(&patches[k].mean()) - level_mm).abs() < most_mm;
+                    if face_of[k] == NONE && is_on {
+                        face_of[k] = face;
+                        members.push(k);
+                    }
+                }
+            }
+            next += 1;
+            if members.len() >= refit {
+                refit = (members.len() as f32 * GROWN) as usize;
+                plane = fitted(members.iter().map(|&k| patches[k].mean()), &plane.0);
+            }
+        }
+        let rows: Vec<_> = members.iter().map(|&k| (patches[k].mean().into(), patches[k].normal)).collect();
+        // Strips of a tube would meet all along it.
+        planes.push((!support::curves(&plane.0, &rows)).then_some(plane));
+    }
+    let mut members = vec![Vec::new(); planes.len()];
+    for (slot, patch) in of.into_iter().enumerate() {
+        let face = face_of[patch as usize] as usize;
+        if let Some((normal, level_mm)) = planes[face]
+            && (normal.dot(&model.index.point(slot).coords) - level_mm).abs() < 2.0 * most_mm
+        {
+            members[face].push(slot);
+        }
+    }
+    let found = members.into_iter().zip(planes).filter(|(slots, _)| slots.len() >= LEAST_POINTS);
+    found.filter_map(|(slots, plane)| Some(Face::new(&slots, &plane?.0, model))).collect()
+}
+
+/// A cell and those about it.
+fn around([x, y, z]: [usize; 3]) -> impl Iterator<Item = [usize; 3]> {
+    let near = |at: usize| at.saturating_sub(1)..=at + 1;
+    near(x).flat_map(move |x| near(y).flat_map(move |y| near(z).map(move |z| [x, y, z])))
+}
+
+/// Normal, facing as before, and level of the plane of some places.
+fn fitted(mut places: impl Iterator<Item = Vector3<f32>>, facing: &Vector3<f32>) -> (Vector3<f32>, f32) {
+    let from = places.next().unwrap_or_default();
     let mut moments = Moments::default();
-    members.iter().for_each(|&k| moments.add(points[k] - from));
+    moments.add(Vector3::zeros());
+    places.for_each(|place| moments.add(place - from));
     let plane = moments.plane();
     let normal = if plane.normal.dot(facing) < 0.0 { -plane.normal } else { plane.normal };
-    (normal, normal.dot(&(from + plane.mean).coords))
+    (normal, normal.dot(&(from + plane.mean)))
 }
 
 fn waves(faces: &[Face], model: &SurfaceModel) -> Waves {
@@ -170,16 +241,27 @@ struct Part {
 fn parts(face: &Face, model: &SurfaceModel) -> Vec<Part> {
     let edge_mm = PART_VOXELS * model.voxel_mm();
     let [a, b] = table::axes(&face.normal);
-    let mut moments: HashMap<[i32; 2], Moments> = HashMap::new();
-    for &k in &face.members {
+    // In the axes of the face: along it twice, then its height.
+    let local = |&k: &usize| {
         let p = model.voxels.cloud.points_mm[k].coords;
-        // In the axes of the face: along it twice, then its height.
-        let local = Vector3::new(p.dot(&a), p.dot(&b), p.dot(&face.normal) - face.level_mm);
-        let at = [local.x, local.y].map(|x| (x / edge_mm).floor() as i32);
-        let corner = Vector3::new(at[0] as f32, at[1] as f32, 0.0) * edge_mm;
-        moments.entry(at).or_default().add(local - corner);
+        Vector3::new(p.dot(&a), p.dot(&b), p.dot(&face.normal) - face.level_mm)
+    };
+    let local: Vec<Vector3<f32>> = face.members.iter().map(local).collect();
+    let low = local.iter().fold(local[0], |low, p| low.inf(p));
+    let high = local.iter().fold(local[0], |high, p| high.sup(p));
+    let wide = ((high.x - low.x) / edge_mm) as usize + 1;
+    let long = ((high.y - low.y) / edge_mm) as usize + 1;
+    // A narrow strip that runs aslant has hardly a part.
+    if wide * long > local.len() {
+        return Vec::new();
     }
-    moments.retain(|_, moments| moments.count >= PART_POINTS);
+    let mut moments = vec![Moments::default(); wide * long];
+    for p in local {
+        let at = [p.x - low.x, p.y - low.y].map(|x| (x / edge_mm) as usize);
+        let corner = Vector3::new(low.x + at[0] as f32 * edge_mm, low.y + at[1] as f32 * edge_mm, 0.0);
+        moments[at[1] * wide + at[0]].add(p - corner);
+    }
+    moments.retain(|moments| moments.count >= PART_POINTS);
     if moments.len() < FACE_PARTS {
         return Vec::new();
     }
@@ -197,13 +279,14 @@ fn parts(face: &Face, model: &SurfaceModel) -> Vec<Part> {
             noise_rad2,
         }
     };
-    moments.into_values().map(part).collect()
+    moments.into_iter().map(part).collect()
 }
 
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
     use crate::geometry::cloud::PointCloud;
+    use crate::geometry::grid::Grid;
     use crate::model::downsampling::Voxels;
 
     /// The faces of points 1 mm apart with their normals, and how far they wave.
