@@ -68,7 +68,7 @@ fn met(one: &Face, other: &Face, voxel_mm: f32) -> Vec<Vec<Point3<f32>>> {
     let [a, b] = [(one, other), (other, one)].map(|(face, other)| {
         // In an inside corner a face lies where the other's normal points to.
         let away = (other.normal - face.normal * alike).normalize();
-        Ends::of(face, &foot, &along, &away, voxel_mm)
+        Ends::of(face.near(other, 2.0 * gap_mm), &foot, &along, &away, voxel_mm)
     });
     let (first, last) = (a.first.max(b.first), a.last.min(b.last));
     let is_joint = |at: i32| {
@@ -96,11 +96,17 @@ struct Ends {
 }
 
 impl Ends {
-    fn of(face: &Face, foot: &Point3<f32>, along: &Vector3<f32>, away: &Vector3<f32>, voxel_mm: f32) -> Self {
+    fn of<'a>(
+        points: impl Iterator<Item = &'a Point3<f32>>,
+        foot: &Point3<f32>,
+        along: &Vector3<f32>,
+        away: &Vector3<f32>,
+        voxel_mm: f32,
+    ) -> Self {
         let place_mm = PLACE_VOXELS * voxel_mm;
         let reach_mm = GAP_MM.max(GAP_VOXELS * voxel_mm);
         let of = |p: &Point3<f32>| (((p - foot).dot(along) / place_mm).floor() as i32, (p - foot).dot(away));
-        let near: Vec<(i32, f32)> = face.points.iter().map(of).filter(|(_, u)| u.abs() < reach_mm).collect();
+        let near: Vec<(i32, f32)> = points.map(of).filter(|(_, u)| u.abs() < reach_mm).collect();
         let first = near.iter().map(|(at, _)| *at).min().unwrap_or(0);
         let last = near.iter().map(|(at, _)| *at).max().unwrap_or(-1);
         let places = (last - first + 1).max(0) as usize;

@@ -11,7 +11,6 @@ use crate::geometry::statistics::median;
 use crate::geometry::table;
 use crate::model::normals::CORRELATED_POINTS;
 use nalgebra::{Point3, Vector3};
-use std::collections::HashMap;
 use std::sync::OnceLock;
 
 /// Cosine of the angle within which a point faces as its face does, and height over it within which it lies on it, voxels: thin
@@ -24,6 +23,8 @@ const LEAST_PATCHES: usize = 6;
 const GROWN: f32 = 1.3;
 /// Fewer points are no face: a strip as long as the shortest joint that is told, three voxels wide.
 const LEAST_POINTS: usize = 40;
+/// Points that are looked at or passed over together.
+const NEIGHBOURS: usize = 64;
 /// Edge of the parts, voxels: as far as the points of a face are used beside a seam.
 const PART_VOXELS: f32 = 12.0;
 /// Points of a part, of the hundred and more of a whole one; parts of a face, and parts in all, below which nothing is told.
@@ -43,7 +44,9 @@ pub(crate) struct Face {
     /// Those of the model, filtered, and their numbers.
     pub(super) points: Vec<Point3<f32>>,
     members: Vec<usize>,
-    /// The box around them: its low corner and its high one.
+    /// The boxes around each [`NEIGHBOURS`] of them, which lie near each other: low corner and high one.
+    boxes_mm: Vec<[Point3<f32>; 2]>,
+    /// The box around all.
     corners_mm: [Point3<f32>; 2],
 }
 
@@ -52,17 +55,38 @@ impl Face {
     fn new(slots: &[usize], facing: &Vector3<f32>, model: &SurfaceModel) -> Self {
         let points: Vec<Point3<f32>> = slots.iter().map(|&slot| model.index.point(slot)).collect();
         let (normal, level_mm) = fitted(points.iter().map(|p| p.coords), facing);
-        let corners_mm = points.iter().fold([points[0]; 2], |[low, high], p| [low.inf(p), high.sup(p)]);
+        let boxes_mm: Vec<_> = points.chunks(NEIGHBOURS).map(box_around).collect();
+        let corners_mm =
+            boxes_mm.iter().fold(boxes_mm[0], |[low, high], b| [low.inf(&b[0]), high.sup(&b[1])]);
         let members = slots.iter().map(|&slot| model.index.index(slot)).collect();
-        Self { normal, level_mm, points, members, corners_mm }
+        Self { normal, level_mm, points, members, boxes_mm, corners_mm }
+    }
+
+    /// Its points, and some more of its own, that may be within a distance of another face.
+    pub(super) fn near<'a>(
+        &'a self,
+        other: &'a Self,
+        reach_mm: f32,
+    ) -> impl Iterator<Item = &'a Point3<f32>> {
+        let chunks = self.points.chunks(NEIGHBOURS).zip(&self.boxes_mm);
+        chunks
+            .filter(move |(_, own)| apart_mm(own, &other.corners_mm) < reach_mm)
+            .flat_map(|(points, _)| points)
     }
 
     /// How far the boxes around two faces are apart along the axis along which they are farthest apart, mm; negative where they overlap.
     pub(super) fn apart_mm(&self, other: &Self) -> f32 {
-        let ([low, high], [other_low, other_high]) = (self.corners_mm, other.corners_mm);
-        let apart = |k: usize| (other_low[k] - high[k]).max(low[k] - other_high[k]);
-        apart(0).max(apart(1)).max(apart(2))
+        apart_mm(&self.corners_mm, &other.corners_mm)
     }
+}
+
+fn apart_mm([low, high]: &[Point3<f32>; 2], [other_low, other_high]: &[Point3<f32>; 2]) -> f32 {
+    let apart = |k: usize| (other_low[k] - high[k]).max(low[k] - other_high[k]);
+    apart(0).max(apart(1)).max(apart(2))
+}
+
+fn box_around(points: &[Point3<f32>]) -> [Point3<f32>; 2] {
+    points.iter().fold([points[0]; 2], |[low, high], p| [low.inf(p), high.sup(p)])
 }
 
 /// How far parts of faces are off and lean, beyond what the noise about them explains: one standard deviation, of the height where a
@@ -93,6 +117,8 @@ impl Surfaces {
 /// The points of a cell of the model that face one way.
 struct Patch {
     cell: [usize; 3],
+    /// The normal of the first.
+    first: Vector3<f32>,
     /// Sums over its points.
     normal: Vector3<f32>,
     place: Vector3<f32>,
@@ -116,14 +142,12 @@ fn patches(model: &SurfaceModel) -> (Vec<Patch>, Vec<u32>) {
         let first = patches.len();
         for slot in slots {
             let (normal, place) = (normals[index.index(slot)], index.point(slot).coords);
-            let is_own = |patch: &Patch| {
-                let along = patch.normal.dot(&normal);
-                along > 0.0 && along * along > FACING * FACING * patch.normal.norm_squared()
-            };
+            let is_own = |patch: &Patch| patch.first.dot(&normal) > FACING;
             let own = patches[first..].iter().position(is_own).map_or(patches.len(), |k| first + k);
             if own == patches.len() {
                 patches.push(Patch {
                     cell: cell.at,
+                    first: normal,
                     normal: Vector3::zeros(),
                     place: Vector3::zeros(),
                     count: 0,
@@ -145,10 +169,8 @@ fn patches(model: &SurfaceModel) -> (Vec<Patch>, Vec<u32>) {
 fn grown(model: &SurfaceModel) -> Vec<Face> {
     let (patches, of) = patches(model);
     let most_mm = HEIGHT_VOXELS * model.voxel_mm();
-    let mut in_cell: HashMap<[usize; 3], Vec<usize>> = HashMap::new();
-    for (k, patch) in patches.iter().enumerate() {
-        in_cell.entry(patch.cell).or_default().push(k);
-    }
+    let mut by_cell: Vec<([usize; 3], usize)> = (0..patches.len()).map(|k| (patches[k].cell, k)).collect();
+    by_cell.sort_unstable();
     let mut fullest: Vec<usize> = (0..patches.len()).collect();
     fullest.sort_by_key(|&k| std::cmp::Reverse(patches[k].count));
     let mut face_of = vec![NONE; patches.len()];
@@ -162,8 +184,9 @@ fn grown(model: &SurfaceModel) -> Vec<Face> {
         let (mut members, mut next, mut refit) = (vec![seed], 0, LEAST_PATCHES);
         face_of[seed] = face;
         while next < members.len() {
-            for cell in around(patches[members[next]].cell) {
-                for &k in in_cell.get(&cell).into_iter().flatten() {
+            for [low, high] in around(patches[members[next]].cell) {
+                let from = by_cell.partition_point(|(cell, _)| *cell < low);
+                for &(_, k) in by_cell[from..].iter().take_while(|(cell, _)| *cell <= high) {
                     let (normal, level_mm) = plane;
                     let is_on = patches[k].normal.dot(&normal) > FACING
                         && (normal.dot(&patches[k].mean()) - level_mm).abs() < most_mm;
@@ -196,10 +219,13 @@ fn grown(model: &SurfaceModel) -> Vec<Face> {
     found.filter_map(|(slots, plane)| Some(Face::new(&slots, &plane?.0, model))).collect()
 }
 
-/// A cell and those about it.
-fn around([x, y, z]: [usize; 3]) -> impl Iterator<Item = [usize; 3]> {
-    let near = |at: usize| at.saturating_sub(1)..=at + 1;
-    near(x).flat_map(move |x| near(y).flat_map(move |y| near(z).map(move |z| [x, y, z])))
+/// A cell and those about it: from which to which, in order.
+fn around([x, y, z]: [usize; 3]) -> [[[usize; 3]; 2]; 9] {
+    std::array::from_fn(|k| {
+        // Cells before the first are none.
+        let [x, y] = [(x + k % 3).wrapping_sub(1), (y + k / 3).wrapping_sub(1)];
+        [[x, y, z.saturating_sub(1)], [x, y, z + 1]]
+    })
 }
 
 /// Normal, facing as before, and level of the plane of some places.
