@@ -6,6 +6,9 @@ use nalgebra::RealField;
 /// outliers, so that this times it is a deviation that up to half of the values may spoil.
 pub(crate) const DEVIATION_OF_MEDIAN: f64 = 1.4826;
 
+/// The median of a squared normal number of unit variance.
+pub(crate) const MEDIAN_OF_SQUARE: f64 = 0.455;
+
 /// The middle value, of an even number the upper one; 0 of none. Reorders its argument.
 pub fn median<T: PartialOrd + Copy + Default>(values: &mut [T]) -> T {
     ranked(values, values.len() / 2)

@@ -20,7 +20,6 @@ const PLACE_VOXELS: f32 = 2.0;
 const BRIDGED: usize = 2;
 /// Where one face goes on unbroken below the end of the other, the other stands off it: of the places there, this share shows it.
 const THROUGH: f32 = 0.5;
-
 /// Fewer points of a face at a place of the joint do not show it; whole, there are ten.
 const SHOWN: u32 = 4;
 
@@ -68,7 +67,7 @@ fn met(one: &Face, other: &Face, voxel_mm: f32) -> Vec<Vec<Point3<f32>>> {
     let [a, b] = [(one, other), (other, one)].map(|(face, other)| {
         // In an inside corner a face lies where the other's normal points to.
         let away = (other.normal - face.normal * alike).normalize();
-        Ends::of(face.near(other, 2.0 * gap_mm), &foot, &along, &away, voxel_mm)
+        Ends::of(face.near(other, 2.0 * gap_mm), [&foot.coords, &along, &away], gap_mm, voxel_mm)
     });
     let (first, last) = (a.first.max(b.first), a.last.min(b.last));
     let is_joint = |at: i32| {
@@ -98,15 +97,15 @@ struct Ends {
 impl Ends {
     fn of<'a>(
         points: impl Iterator<Item = &'a Point3<f32>>,
-        foot: &Point3<f32>,
-        along: &Vector3<f32>,
-        away: &Vector3<f32>,
+        [foot, along, away]: [&Vector3<f32>; 3],
+        gap_mm: f32,
         voxel_mm: f32,
     ) -> Self {
         let place_mm = PLACE_VOXELS * voxel_mm;
-        let reach_mm = GAP_MM.max(GAP_VOXELS * voxel_mm);
-        let of = |p: &Point3<f32>| (((p - foot).dot(along) / place_mm).floor() as i32, (p - foot).dot(away));
-        let near: Vec<(i32, f32)> = points.map(of).filter(|(_, u)| u.abs() < reach_mm).collect();
+        let of = |p: &Point3<f32>| {
+            (((p.coords - foot).dot(along) / place_mm).floor() as i32, (p.coords - foot).dot(away))
+        };
+        let near: Vec<(i32, f32)> = points.map(of).filter(|(_, u)| u.abs() < gap_mm).collect();
         let first = near.iter().map(|(at, _)| *at).min().unwrap_or(0);
         let last = near.iter().map(|(at, _)| *at).max().unwrap_or(-1);
         let places = (last - first + 1).max(0) as usize;
@@ -129,7 +128,7 @@ impl Ends {
         ends
     }
 
-    /// Beyond what is unsure of the line itself: 0 within a voxel.
+    /// Beyond what is unsure of the line itself: 0 within two voxels.
     fn near_mm(&self, at: i32) -> f32 {
         let near_mm = self.near_mm.get((at - self.first) as usize).copied().unwrap_or(f32::INFINITY);
         if near_mm < 2.0 * self.unsure_mm { 0.0 } else { near_mm }

@@ -7,7 +7,7 @@
 use super::input::SurfaceModel;
 use super::trace::support;
 use crate::geometry::plane::Moments;
-use crate::geometry::statistics::median;
+use crate::geometry::statistics::{MEDIAN_OF_SQUARE, median};
 use crate::geometry::table;
 use crate::model::normals::CORRELATED_POINTS;
 use nalgebra::{Point3, Vector3};
@@ -31,9 +31,8 @@ const PART_VOXELS: f32 = 12.0;
 const PART_POINTS: f32 = 60.0;
 const FACE_PARTS: usize = 6;
 const LEAST_PARTS: usize = 12;
-/// The median of the sum of two squared normal numbers, of unit variance each; and that of one.
+/// The median of the sum of two squared normal numbers of unit variance, as a lean about two axes is.
 const MEDIAN_OF_TWO: f32 = 1.386;
-const MEDIAN_OF_ONE: f32 = 0.455;
 
 /// A flat face.
 #[derive(Debug)]
@@ -247,7 +246,7 @@ fn waves(faces: &[Face], model: &SurfaceModel) -> Waves {
     let of = |value: fn(&Part) -> f32| median(&mut parts.iter().map(value).collect::<Vec<_>>());
     let beyond = |found: f32, expected: f32| (found - expected).max(0.0).sqrt();
     Waves {
-        height_mm: beyond(of(|part| part.height_mm2) / MEDIAN_OF_ONE, of(|part| part.noise_mm2)),
+        height_mm: beyond(of(|part| part.height_mm2) / MEDIAN_OF_SQUARE as f32, of(|part| part.noise_mm2)),
         lean_rad: beyond(of(|part| part.lean2) / MEDIAN_OF_TWO, of(|part| part.noise_rad2)),
     }
 }

@@ -6,7 +6,7 @@
 //! promise too much, and the reported poses would give way to waves.
 
 use super::system::PatchPair;
-use crate::geometry::statistics::median;
+use crate::geometry::statistics::{MEDIAN_OF_SQUARE, median};
 use std::collections::HashMap;
 
 /// Edges of the places over which pairs are averaged, mm: up to the longest wave that a part shows several of.
@@ -16,8 +16,6 @@ const LEAST_PAIRS: usize = 4;
 const LEAST_PLACES: usize = 20;
 /// Every pair of patches is found from both sides, and both are taken as information.
 const SIDES: f64 = 2.0;
-/// The median of a squared normal number.
-const MEDIAN_OF_SQUARE: f64 = 0.455;
 
 /// The variance of the means of pairs over that which their weights promise; at least 1.
 pub(super) fn excess<'a>(ties: impl Iterator<Item = &'a [PatchPair]> + Clone) -> f64 {
