@@ -27,7 +27,7 @@ use run::Run;
 pub use section::{Section, section};
 
 use weldpath_files::File;
-use weldpath_job::output::summary::{Source, Summary};
+use weldpath_job::output::summary::{self, Source, Summary};
 use weldpath_job::output::verdict::{Finding, ReasonId, Verdict};
 use weldpath_job::run::job::Job;
 use weldpath_job::run::postprocessing::Output;
@@ -60,11 +60,12 @@ fn page_of(run: &Run, scene: &content::Scene) -> String {
     page::page(run.title, &content, &bytes)
 }
 
-/// The same of a run that found no seam: what was seen, in `error` why nothing came of it, and what looked like a seam
-/// and was rejected. Empty if nothing was recorded.
-pub fn without_seams(recording: &Recording, job: &Job, error: &PlanError) -> Vec<File> {
+/// The same of a run that found no seam, and its `summary.json`: what was seen, in `error` why nothing came of it, and what looked
+/// like a seam and was rejected. Empty if nothing was recorded.
+pub fn without_seams(recording: &Recording, job: &Job, error: &PlanError, read: Source) -> Vec<File> {
     let Some(clouds) = &recording.clouds else { return Vec::new() };
-    let plan = Plan { model: clouds.model(), ..Plan::default() };
+    let (model, unwelded) = (clouds.model(), recording.unwelded.clone());
+    let plan = Plan { model, unwelded, ..Plan::default() };
     let id = match error {
         PlanError::TooSparse { .. } => ReasonId::Sparse,
         _ => ReasonId::NoSeam,
@@ -72,7 +73,7 @@ pub fn without_seams(recording: &Recording, job: &Job, error: &PlanError) -> Vec
     let verdict = Verdict::new([Finding::new(id, error.to_string())], &[]);
     let rejected = recording.rejected.clone();
     let summary =
-        Summary::new(&plan, Source::default(), &[], &[], job.order.up.get(), rejected).with_verdict(verdict);
+        Summary::new(&plan, read, &[], &[], job.order.up.get(), rejected).with_verdict(verdict);
     let output = Output {
         paths: Vec::new(),
         program: Program::default(),
@@ -81,7 +82,9 @@ pub fn without_seams(recording: &Recording, job: &Job, error: &PlanError) -> Vec
         files: Vec::new(),
         program_files: Vec::new(),
     };
-    files(&plan, &output, recording, job)
+    let mut files = files(&plan, &output, recording, job);
+    files.push(File::new(summary::FILE, output.summary.to_json()));
+    files
 }
 
 /// Name of the input without its folders.

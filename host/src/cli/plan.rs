@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use weldpath::files::{File, reading};
 use weldpath::input;
+use weldpath::output::summary::Source;
 use weldpath::output::verdict::{Reason, ReasonId, State};
 use weldpath::pipeline::{self, Method, Observer};
 use weldpath::report;
@@ -196,7 +197,9 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         Err(error) => {
             let (stages, recording) = progress.finish();
             let seen = match (&error, recording) {
-                (planning::Error::Plan(error), Some(seen)) => report::without_seams(&seen, &job, error),
+                (planning::Error::Plan { error, read }, Some(seen)) => {
+                    report::without_seams(&seen, &job, error, Source::clone(read))
+                }
                 _ => Vec::new(),
             };
             return keep_seen(&folder, stages, seen).and(Err(not_found(error)));
@@ -422,7 +425,7 @@ fn absolute(path: &Path, hint: &str) -> Result<PathBuf, Failure> {
 fn not_found(error: planning::Error) -> Failure {
     match error {
         planning::Error::Input(error) => Failure::new(Exit::Input, error),
-        planning::Error::Plan(error) => not_planned(error),
+        planning::Error::Plan { error, .. } => not_planned(error),
     }
 }
 
@@ -439,7 +442,7 @@ fn not_planned(error: pipeline::PlanError) -> Failure {
         );
     }
     Failure::new(Exit::NoSeam, error).hint(
-        "DIR/report.html shows what was seen and rejected, --dump-stages keeps the cloud after every stage; docs/troubleshooting.md says what to try",
+        "DIR/report.html and DIR/summary.json show what was seen and rejected, --dump-stages keeps the cloud after every stage; docs/troubleshooting.md says what to try",
     )
 }
 

@@ -87,6 +87,7 @@ mod tests {
             index: &grid,
             intensity,
             rejected: &[],
+            unwelded: &[],
         });
         let mut theirs: Vec<f32> = paper::tensors(model, 1.0).iter().map(|t| t.ratio()).collect();
         ours.sort_by(f32::total_cmp);

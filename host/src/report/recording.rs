@@ -12,6 +12,7 @@ use weldpath_core::seam::RatioThreshold;
 use weldpath_method::geometry::cloud::{Merged, PointCloud};
 use weldpath_method::geometry::grid::Grid;
 use weldpath_method::pipeline::Evidence;
+use weldpath_method::seam::Unwelded;
 
 /// Most points of the model and of the raw scan in the page.
 const MODEL_POINTS: usize = 300_000;
@@ -35,6 +36,8 @@ pub struct Recording {
     pub(super) cameras_mm: Vec<Point3<f64>>,
     /// What looked like a seam and is none that could be welded, in words.
     pub(super) rejected: Vec<String>,
+    /// Inside corners that are seen and are no seams.
+    pub(super) unwelded: Vec<Unwelded>,
     pub(super) intensity: Histogram,
     pub(super) ratio: Histogram,
     pub(super) spacing_mm: Histogram,
@@ -86,6 +89,7 @@ impl Recording {
             clouds: Some(Clouds { frame, model: model_samples, model_of: model.len(), raw, raw_of }),
             cameras_mm: cameras_mm(merged),
             rejected: evidence.rejected.to_vec(),
+            unwelded: evidence.unwelded.to_vec(),
             intensity: Histogram::between(0.0, 0.5, intensity.iter().copied()),
             ratio: Histogram::between(
                 RatioThreshold::FLOOR.into(),
@@ -167,6 +171,7 @@ mod tests {
             index: &Grid::new(&model.points_mm, 4.0),
             intensity: &[0.3; 400],
             rejected: &["an inside corner".into()],
+            unwelded: &[],
         };
         let recording = Recording::of(&evidence);
         let clouds = recording.clouds.unwrap();

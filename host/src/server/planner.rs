@@ -121,13 +121,13 @@ fn search(session: &Session, job: &Job, stop: &AtomicBool) -> Result<Arc<Searche
     match planning::find(job, session.workplace.allowed, &session.kept, &mut watch, recording) {
         Ok(found) => Ok(found),
         Err(Error::Input(error)) => Err(told(error, "the scan is read anew with the next plan")),
-        Err(Error::Plan(PlanError::GivenUp)) => Err(given_up()),
-        Err(Error::Plan(error @ PlanError::NoView { .. })) => Err(told(error, "scan again")),
-        Err(Error::Plan(error @ PlanError::Touch(_))) => {
+        Err(Error::Plan { error: PlanError::GivenUp, .. }) => Err(given_up()),
+        Err(Error::Plan { error: error @ PlanError::NoView { .. }, .. }) => Err(told(error, "scan again")),
+        Err(Error::Plan { error: error @ PlanError::Touch(_), .. }) => {
             Err(told(error, "take the touch out of the job, or name its seam"))
         }
-        Err(Error::Plan(error @ (PlanError::NoSeam { .. } | PlanError::TooSparse { .. }))) => {
-            let seen = report::without_seams(&watch.recording, job, &error);
+        Err(Error::Plan { error: error @ (PlanError::NoSeam { .. } | PlanError::TooSparse { .. }), read }) => {
+            let seen = report::without_seams(&watch.recording, job, &error, *read);
             write(&session.workplace, &seen)?;
             if let Some(page) = seen.first() {
                 let html = String::from_utf8_lossy(&page.bytes).into();

@@ -55,7 +55,7 @@ fn given_up(job: &Job, give_up_after: Duration) -> Option<Duration> {
         |_| None,
     );
     let is_given_up = match &found {
-        Err(planning::Error::Plan(PlanError::GivenUp)) => true,
+        Err(planning::Error::Plan { error: PlanError::GivenUp, .. }) => true,
         Err(error) => panic!("{error}"),
         Ok(found) => {
             let source = planning::source(&found.scan, job);

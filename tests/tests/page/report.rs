@@ -12,10 +12,13 @@ use weldpath::evaluation::{Options, PathSet, Truth};
 use weldpath::geometry::cloud::{Merged, PointCloud};
 use weldpath::geometry::grid::Grid;
 use weldpath::model::downsampling::Voxels;
+use weldpath::output::frame::PathFrame;
+use weldpath::output::summary::Source;
 use weldpath::pipeline::{Evidence, Plan, PlanError};
 use weldpath::report::{self, Recording};
 use weldpath::run::job::Job;
 use weldpath::run::postprocessing::postprocess;
+use weldpath::seam::{Unwelded, WhyUnwelded};
 use weldpath_tests::browser::{self, Browser};
 use weldpath_tests::command::weldpath;
 use weldpath_tests::plans;
@@ -45,6 +48,11 @@ fn pipe_on_plate(count: usize) -> PointCloud {
 
 const REJECTED: &str = "an inside corner of 30 mm near 1,2,3 is too uncertain to weld";
 
+fn rejected() -> Unwelded {
+    let line_mm = vec![Point3::new(-14.0, 2.0, 3.0), Point3::new(16.0, 2.0, 3.0)];
+    Unwelded { line_mm, reason: WhyUnwelded::Unsure, words: REJECTED.into() }
+}
+
 /// What is kept of a run over `model`.
 fn recording(model: &PointCloud) -> Recording {
     let raw: Vec<Point3<f32>> =
@@ -69,6 +77,7 @@ fn recording(model: &PointCloud) -> Recording {
         index: &Grid::new(&model.points_mm, 4.0),
         intensity: &intensity,
         rejected: &[REJECTED.to_owned()],
+        unwelded: &[rejected()],
     })
 }
 
@@ -85,7 +94,8 @@ fn report(plan: &Plan, job: &str) -> [String; 2] {
 #[test]
 fn a_run_without_a_seam_shows_the_cloud_and_names_what_was_rejected() {
     let error = PlanError::NoSeam { reason: "thin".into() };
-    let files = report::without_seams(&recording(&pipe_on_plate(3000)), &Job::default(), &error);
+    let read = Source { frame: PathFrame::Base, ..Source::default() };
+    let files = report::without_seams(&recording(&pipe_on_plate(3000)), &Job::default(), &error, read);
     let page = String::from_utf8(files[0].bytes.clone()).unwrap();
     let block = page.split("id=\"content\">").nth(1).unwrap().split("</script>").next().unwrap();
     let content: Value = serde_json::from_str(block).unwrap();
@@ -93,6 +103,9 @@ fn a_run_without_a_seam_shows_the_cloud_and_names_what_was_rejected() {
     assert_eq!((&verdict["state"], &verdict["reasons"][0]["id"]), (&"refused".into(), &"no-seam".into()));
     assert_eq!(verdict["reasons"][0]["words"], "no seam found: thin");
     assert_eq!(content["summary"]["warnings"][0], REJECTED);
+    let summary: Value = serde_json::from_slice(&files[2].bytes).unwrap();
+    assert_eq!((&summary["unwelded"][0]["words"], &summary["frame"]), (&REJECTED.into(), &"base".into()));
+    assert_eq!(content["summary"], summary);
     assert!(content["clouds"]["model"]["count"].as_u64() > Some(1000), "{}", content["clouds"]);
 }
 

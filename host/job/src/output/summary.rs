@@ -20,6 +20,8 @@ use weldpath_method::seam::{ErrorParts, Joint, Seam, Unwelded, WhyUnwelded};
 use weldpath_method::weld::SeamPath;
 use weldpath_method::weld::position::{Position, positions};
 
+/// Name of the file within a run's folder.
+pub const FILE: &str = "summary.json";
 /// Value of `version`; raised when a reader of the old one would misunderstand the new one.
 pub const VERSION: u32 = 1;
 

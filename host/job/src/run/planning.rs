@@ -110,9 +110,20 @@ pub enum Error {
     /// The input cannot be read.
     #[error(transparent)]
     Input(#[from] input::Error),
-    /// There is no plan.
-    #[error(transparent)]
-    Plan(#[from] PlanError),
+    /// There is no plan of what was read.
+    #[error("{error}")]
+    Plan {
+        /// Why.
+        error: PlanError,
+        /// What was read.
+        read: Box<Source>,
+    },
+}
+
+impl Error {
+    fn of_plan(error: PlanError, scan: &Scan, job: &Job) -> Self {
+        Self::Plan { error, read: Box::new(source(scan, job)) }
+    }
 }
 
 /// What is kept of the same job on the same files, if there is any: nothing is read or sought.
@@ -143,7 +154,8 @@ pub fn find<R: Record, O: Observer>(
             return Ok(found);
         }
         if let Some(begun) = kept.steps.begun(&search, content) {
-            let plan = kept.steps.go_on(&begun, &search, content, observer)?;
+            let planned = kept.steps.go_on(&begun, &search, content, observer);
+            let plan = planned.map_err(|error| Error::of_plan(error, &begun.scan, job))?;
             return Ok(kept.keep(search.key(content), &begun.scan, plan, seen(observer)));
         }
     }
@@ -157,7 +169,8 @@ pub fn find<R: Record, O: Observer>(
     if let Some(found) = kept.plans.get(key) {
         return Ok(found);
     }
-    let plan = kept.steps.run(&search, &scan, content, observer)?;
+    let planned = kept.steps.run(&search, &scan, content, observer);
+    let plan = planned.map_err(|error| Error::of_plan(error, &scan, job))?;
     Ok(kept.keep(key, &scan, plan, seen(observer)))
 }
 

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::output::frame::PathFrame;
-use crate::output::summary::{Source, Summary};
+use crate::output::summary::{self, Source, Summary};
 use crate::output::verdict::{Finding, State, Verdict};
 use crate::output::{csv, feasibility as feasibility_csv, json, ply, views};
 use crate::robot::dialect::{ProgramSetup, moves};
@@ -152,7 +152,7 @@ fn output(plan: &Plan, job: &Job, source: Source, stages: &mut Stages) -> Result
         files.push(File::new("views.json", views::write(&plan.derived.views)));
     }
     files.push(File::new("job.toml", job.to_toml()));
-    files.push(File::new("summary.json", summary.to_json()));
+    files.push(File::new(summary::FILE, summary.to_json()));
     if let Some(report) = &feasibility {
         files.push(File::new("feasibility.csv", feasibility_csv::csv(&program.waypoints, report)));
     }

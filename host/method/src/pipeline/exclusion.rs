@@ -121,10 +121,20 @@ impl Scene {
     ) {
         let ScaleResult { model, found, .. } = result;
         let (voxels, cloud) = model.scene();
-        let rejected = &found.warnings[..];
+        let (rejected, unwelded) = (&found.warnings[..], &found.unwelded[..]);
         if self.parts.is_none() {
             let (index, intensity) = (&model.index, &found.intensity[..]);
-            observer.evidence(&Evidence { merged, raw, voxels, model: cloud, index, intensity, rejected });
+            let model = cloud;
+            observer.evidence(&Evidence {
+                merged,
+                raw,
+                voxels,
+                model,
+                index,
+                intensity,
+                rejected,
+                unwelded,
+            });
             return;
         }
         let raw = &Grid::new(&merged.points_mm, RAW_CELL_MM);
@@ -132,7 +142,17 @@ impl Scene {
         let mut intensity = found.intensity.clone();
         intensity.resize(cloud.len(), 0.0);
         let intensity = &intensity[..];
-        observer.evidence(&Evidence { merged, raw, voxels, model: cloud, index, intensity, rejected });
+        let model = cloud;
+        observer.evidence(&Evidence {
+            merged,
+            raw,
+            voxels,
+            model,
+            index,
+            intensity,
+            rejected,
+            unwelded,
+        });
     }
 
     /// Why there is no seam, with what was left out.

@@ -5,6 +5,7 @@ use crate::cancellation::Worker;
 use crate::geometry::cloud::{Merged, PointCloud};
 use crate::geometry::grid::Grid;
 use crate::model::downsampling::Voxels;
+use crate::seam::Unwelded;
 use std::borrow::Cow;
 use std::sync::Arc;
 use std::time::Instant;
@@ -26,6 +27,8 @@ pub struct Evidence<'a> {
     pub intensity: &'a [f32],
     /// What looked like a seam and is none that could be welded: each with its place and why.
     pub rejected: &'a [String],
+    /// Inside corners that are seen and are no seams.
+    pub unwelded: &'a [Unwelded],
 }
 
 /// Sees every stage as it finishes; `()` is an observer that does nothing.
