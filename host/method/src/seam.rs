@@ -24,6 +24,7 @@ pub mod extraction;
 pub mod facets;
 mod implied;
 pub mod input;
+pub(crate) mod joined;
 pub mod measure;
 mod ordering;
 pub mod refine;
@@ -94,6 +95,13 @@ pub struct Station {
     pub tangent: Vector3<f64>,
     /// Unit normals of the two adjoining faces, out of the material. Their bisector is the torch direction.
     pub faces: [Vector3<f64>; 2],
+}
+
+impl Station {
+    /// Direction of the torch, out of the work: the bisector of the faces.
+    fn torch(&self) -> Vector3<f64> {
+        (self.faces[0] + self.faces[1]).try_normalize(1e-6).unwrap_or_else(Vector3::zeros)
+    }
 }
 
 /// What else than a joint two faces that meet may be.
@@ -194,6 +202,23 @@ impl Seam {
         if self.base_error_deg.is_finite() { self.base_error_deg } else { self.expected_error_deg }
     }
 
+    /// What is left of it without the stations that are out.
+    pub(crate) fn stretches(&self, is_out: impl Fn(&Station) -> bool) -> Vec<Self> {
+        let out: Vec<bool> = self.stations.iter().map(is_out).collect();
+        let Some(first) = out.iter().position(|out| *out) else { return vec![self.clone()] };
+        let mut stations: Vec<_> = self.stations.iter().zip(&out).collect();
+        if self.closed {
+            stations.rotate_left(first);
+        }
+        let runs = stations.split(|(_, out)| **out);
+        let left = runs.map(|run| Self {
+            stations: run.iter().map(|(station, _)| **station).collect(),
+            closed: false,
+            ..self.clone()
+        });
+        left.filter(|seam| seam.length_mm() >= SHORTEST_MM).collect()
+    }
+
     /// Whether a place is on it.
     pub(crate) fn is_at(&self, place_mm: &Point3<f64>) -> bool {
         self.stations.iter().any(|station| (station.position_mm - place_mm).norm() < AT_MM)
@@ -213,6 +238,8 @@ impl Seam {
     }
 }
 
+/// What is left of a seam that is cut is one if it is as long as the shortest of a mesh, mm.
+const SHORTEST_MM: f64 = 6.0;
 /// A place nearer to a station than this is on the seam, mm: about the distance of stations.
 const AT_MM: f64 = 3.0;
 

@@ -342,7 +342,7 @@ fn undirected(seams: &[(SeamPath, Weld)]) -> Vec<usize> {
 /// What stands against the paths: `inside` are those that the torch does not get to.
 fn of_paths(plan: &Plan, lines: &[SeamPath], paths: &[SeamPath], inside: &[SeamPath]) -> Vec<Finding> {
     let left = inside.iter().map(verdict::left_inside);
-    let tips = verdict::tips_inside(paths, &plan.model);
+    let tips = verdict::tips_inside(paths, &plan.paths, &plan.model);
     verdict::many_seams(lines).into_iter().chain(left).chain(tips).collect()
 }
 

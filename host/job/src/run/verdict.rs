@@ -43,6 +43,8 @@ const LEAST_FITTING: usize = 3;
 /// The tip may be so far inside what was scanned, mm: a root below the groove faces' ends and a step of the voxels are
 /// no mistake.
 const MOST_INSIDE_MM: f64 = 3.0;
+/// So far at most a scan rounds a corner in front of its root, mm: a matcher's window of 15 mm on a right one.
+const MOST_ROUNDED_MM: f64 = 3.0;
 /// So many points of a pass in a row, so that a flying pixel is no work.
 const INSIDE_POINTS: usize = 3;
 /// A torch that touches the work finds a seam that is so far off, mm; cells of which nothing is stated leave 7 mm unknown.
@@ -396,8 +398,9 @@ fn beyond_scan(plan: &Plan) -> Vec<Finding> {
     plan.seams.iter().filter(beyond).map(finding).collect()
 }
 
-/// Passes whose tip is inside what was scanned.
-pub(crate) fn tips_inside(paths: &[SeamPath], model: &PointCloud) -> Vec<Finding> {
+/// Passes whose tip is inside what was scanned; `found` are the lines of the seams, which may be so themselves where the scan has
+/// rounded a corner.
+pub(crate) fn tips_inside(paths: &[SeamPath], found: &[SeamPath], model: &PointCloud) -> Vec<Finding> {
     let grid = Grid::new(&model.points_mm, 0.25 * ABOUT_MM);
     let depth_mm = |place: &Point3<f64>| -> f64 {
         let place = (place - model.origin_mm.coords).cast::<f32>();
@@ -407,12 +410,18 @@ pub(crate) fn tips_inside(paths: &[SeamPath], model: &PointCloud) -> Vec<Finding
             f64::from(-model.normals[k].dot(&(place - model.points_mm[k])))
         })
     };
-    let mut found = Vec::new();
-    for path in paths {
+    let deepest_mm = |path: &SeamPath| {
         let depths: Vec<f64> = path.points.iter().map(|point| depth_mm(&point.position_mm)).collect();
         let least = |run: &[f64]| run.iter().copied().fold(f64::INFINITY, f64::min);
-        let deepest_mm = depths.windows(INSIDE_POINTS).map(least).fold(0.0, f64::max);
-        if deepest_mm > MOST_INSIDE_MM && found.iter().all(|one: &Finding| one.seam != Some(path.seam)) {
+        depths.windows(INSIDE_POINTS).map(least).fold(0.0, f64::max)
+    };
+    let lines = found;
+    let mut found = Vec::new();
+    for path in paths {
+        let line_mm = lines.iter().find(|line| line.seam == path.seam).map_or(0.0, deepest_mm);
+        let most_mm = MOST_INSIDE_MM + line_mm.min(MOST_ROUNDED_MM);
+        let deepest_mm = deepest_mm(path);
+        if deepest_mm > most_mm && found.iter().all(|one: &Finding| one.seam != Some(path.seam)) {
             let words =
                 format!("the tip would be {deepest_mm:.1} mm inside what was scanned: check the stand-off");
             let finding = Finding::of_seam(ReasonId::TipInside, path.seam, words);

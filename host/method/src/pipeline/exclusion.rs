@@ -51,8 +51,6 @@ impl Exclusion {
     }
 }
 
-/// A seam that a box or the background cuts to less than this is none any more, mm: as short as the shortest of a mesh.
-const SHORTEST_MM: f64 = 6.0;
 
 /// What is work of all that was scanned, the `whole` of its functions.
 pub(super) struct Scene {
@@ -206,26 +204,10 @@ impl Scene {
         let is_out = |p: &Point3<f64>| {
             self.exclusion.names(p) || background.is_some_and(|background| background.holds(p))
         };
-        found.seams = found.seams.iter().flat_map(|seam| stretches(seam, is_out)).collect();
+        let left = |seam: &Seam| seam.stretches(|station| is_out(&station.position_mm));
+        found.seams = found.seams.iter().flat_map(left).collect();
         (1..).zip(&mut found.seams).for_each(|(id, seam)| seam.id = id);
     }
-}
-
-/// What is left of a seam without the stations that are out.
-fn stretches(seam: &Seam, is_out: impl Fn(&Point3<f64>) -> bool) -> Vec<Seam> {
-    let out: Vec<bool> = seam.stations.iter().map(|station| is_out(&station.position_mm)).collect();
-    let Some(first) = out.iter().position(|out| *out) else { return vec![seam.clone()] };
-    let mut stations: Vec<_> = seam.stations.iter().zip(&out).collect();
-    if seam.closed {
-        stations.rotate_left(first);
-    }
-    let runs = stations.split(|(_, out)| **out);
-    let left = runs.map(|run| Seam {
-        stations: run.iter().map(|(station, _)| **station).collect(),
-        closed: false,
-        ..seam.clone()
-    });
-    left.filter(|seam| seam.length_mm() >= SHORTEST_MM).collect()
 }
 
 #[cfg(test)]
@@ -288,7 +270,7 @@ mod tests {
     #[test]
     fn a_seam_is_cut_where_it_is_out_and_short_ends_are_dropped() {
         let lengths = |out: fn(f64) -> bool, closed: bool| -> Vec<f64> {
-            let left = stretches(&Seam { closed, ..seam() }, |p| out(p.x));
+            let left = Seam { closed, ..seam() }.stretches(|station| out(station.position_mm.x));
             left.iter().map(Seam::length_mm).collect()
         };
         assert_eq!(lengths(|_| false, false), [100.0]);
@@ -296,7 +278,8 @@ mod tests {
         assert_eq!(lengths(|x| (40.5..59.5).contains(&x), false), [40.0, 40.0]);
         assert_eq!(lengths(|x| (4.5..59.5).contains(&x), false), [40.0], "4 mm are no seam");
         assert!(lengths(|_| true, false).is_empty());
-        let ring = stretches(&Seam { closed: true, ..seam() }, |p| (40.5..59.5).contains(&p.x));
+        let ring = Seam { closed: true, ..seam() };
+        let ring = ring.stretches(|station| (40.5..59.5).contains(&station.position_mm.x));
         assert!(
             ring.len() == 1 && !ring[0].closed && ring[0].stations.len() == 82,
             "one stretch over its start"

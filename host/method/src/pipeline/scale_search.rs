@@ -13,6 +13,7 @@ use crate::model::orientation::{self, Orientation};
 use crate::model::reconstruction::Registration;
 use crate::seam::asked::{self, Answer, Shared};
 use crate::seam::drawn;
+use crate::seam::joined::CLEARLY;
 use crate::seam::score::{edges, paper};
 use crate::seam::trace::support;
 use crate::seam::{Cues, Found, INDEX_VOXELS, Input, RawScan, Seam, SurfaceModel, extraction};
@@ -21,9 +22,9 @@ use std::sync::Arc;
 
 // All chosen on the simulated scans and on scans of other people.
 
-/// Seams shorter than this, in voxels, ask for larger ones; those must show clearly more, by this factor.
+/// Seams shorter than this, in voxels, ask for larger ones, and so do corners that are not sure enough to be seams, as long
+/// together.
 const WEAK_VOXELS: f64 = 22.0;
-const CLEARLY: f64 = 1.5;
 /// The smaller of the larger voxels, in multiples of the first, and the largest, which still resolves thick plates, mm.
 const COARSER: f32 = 1.8;
 const COARSEST_MM: f32 = 3.0;
@@ -108,24 +109,30 @@ impl ScaleSearch<'_> {
         Some((view.mesh.as_deref()?, self.registration.base_from_camera.first()?))
     }
 
-    /// Tries larger voxels than `first` until seams show; the size with clearly the most of them.
+    /// Tries larger voxels than `first` until seams show, and where corners are unsure; the size with clearly the most of them, with
+    /// what larger ones show better.
     pub(super) fn best(&self, first: &Scale, stages: &mut Stages) -> Result<ScaleResult, PlanError> {
         let coarser = coarser(first);
         let steps = self.raw_scan().has_whole_views() || coarser.is_empty();
         let mut best = self.at(first, Cues { steps, blurred: false }, stages)?;
         let mut settled = self.settles(&best);
         for (k, scale) in coarser.iter().enumerate() {
-            if settled {
+            if settled && !best.is_unsure() {
                 break;
             }
-            let cues = Cues { steps: true, blurred: k + 1 == coarser.len() };
+            let is_last = k + 1 == coarser.len();
+            let cues = if settled { best.cues } else { Cues { steps: true, blurred: is_last } };
             stages.go_on()?;
             // Where larger voxels are too few, those before them have the last word.
             let Ok(result) = self.at(scale, cues, stages) else { break };
-            settled = self.settles(&result);
-            if result.length_mm() > CLEARLY * best.length_mm() {
+            let settles = self.settles(&result);
+            if !settled && result.length_mm() > CLEARLY * best.length_mm() {
                 best = result;
+            } else {
+                let [larger_mm, voxel_mm] = [scale, &best.scale].map(|scale| f64::from(scale.edge_mm));
+                best.found.join(result.found.seams, larger_mm, voxel_mm);
             }
+            settled |= settles;
         }
         stages.go_on()?;
         Ok(best)
@@ -324,6 +331,11 @@ impl ScaleResult {
     /// Of all its seams, mm.
     fn length_mm(&self) -> f64 {
         self.found.seams.iter().map(Seam::length_mm).sum()
+    }
+
+    /// Whether corners show that are not sure enough to be seams.
+    fn is_unsure(&self) -> bool {
+        self.found.unsure_mm() > WEAK_VOXELS * f64::from(self.scale.edge_mm)
     }
 
     /// Whether only scraps show, as of a blurred valley in voxels that are too small.

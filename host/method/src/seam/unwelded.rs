@@ -43,18 +43,31 @@ impl Unwelded {
         Self { line_mm: chain.links.iter().map(place).collect(), reason, words: String::new() }
     }
 
-    fn in_words(&self) -> String {
+    pub(super) fn in_words(&self) -> String {
         let why = match self.reason {
             WhyUnwelded::Table => "is where the work rests on the table",
             WhyUnwelded::Implied => {
                 "is where two faces would meet, but the corner itself was hardly seen: scan it again from nearer, or from \
                  where both faces show"
             }
-            _ => "is too thinly seen to fit a seam to it: scan it again from nearer, or from more sides",
+            _ => "is seen too thinly, or too blurred, to fit a seam to it: scan it again from nearer, or from more sides",
         };
         let place = |p: &Point3<f64>| format!("{:.0},{:.0},{:.0}", p.x, p.y, p.z);
         let middle = self.line_mm.get(self.line_mm.len() / 2).map(place).unwrap_or_default();
         format!("an inside corner of {:.0} mm near {middle} {why}", self.length_mm())
+    }
+
+    /// Its stretches whose places are free, if they are long enough to be told.
+    pub(super) fn stretches(&self, voxel_mm: f64, is_free: impl Fn(&Point3<f64>) -> bool) -> Vec<Self> {
+        let free: Vec<bool> = self.line_mm.iter().map(is_free).collect();
+        let places: Vec<_> = self.line_mm.iter().zip(&free).collect();
+        let runs = places.chunk_by(|a, b| a.1 == b.1).filter(|run| *run[0].1);
+        let stretch = |run: &[(&Point3<f64>, &bool)]| Self {
+            line_mm: run.iter().map(|(place, _)| **place).collect(),
+            ..self.clone()
+        };
+        let told = |stretch: &Self| stretch.length_mm() >= LEAST_MM.max(LEAST_VOXELS * voxel_mm);
+        runs.map(stretch).filter(told).collect()
     }
 
     /// Length along its places, mm.
@@ -97,16 +110,12 @@ struct Told {
 impl Told {
     fn add(&mut self, line: &Unwelded, near_mm: f64) {
         let is_free = |p: &Point3<f64>| self.known.iter().all(|q| (p - q).norm() > near_mm);
-        let free: Vec<(bool, Point3<f64>)> = line.line_mm.iter().map(|p| (is_free(p), *p)).collect();
-        for run in free.chunk_by(|a, b| a.0 == b.0).filter(|run| run[0].0) {
-            let mut part = Unwelded { line_mm: run.iter().map(|(_, p)| *p).collect(), ..line.clone() };
-            if part.length_mm() >= LEAST_MM.max(LEAST_VOXELS * self.voxel_mm) {
-                if part.words.is_empty() {
-                    part.words = part.in_words();
-                }
-                self.known.extend_from_slice(&part.line_mm);
-                self.lines.push(part);
+        for mut part in line.stretches(self.voxel_mm, is_free) {
+            if part.words.is_empty() {
+                part.words = part.in_words();
             }
+            self.known.extend_from_slice(&part.line_mm);
+            self.lines.push(part);
         }
     }
 }
