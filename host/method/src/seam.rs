@@ -256,6 +256,8 @@ pub struct Found {
     pub reason: String,
     /// Whether the air side of the faces is assumed, as the cloud looks nearly alike from both.
     pub orientation_assumed: bool,
+    /// How far parts of faces are off them, beyond what noise explains: one standard deviation, mm.
+    pub waves_mm: f32,
     /// Intensity gate, for the report.
     pub gate: f32,
     /// Edge intensity of each point of the model, for the report.

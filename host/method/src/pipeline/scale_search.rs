@@ -121,7 +121,8 @@ impl ScaleSearch<'_> {
                 break;
             }
             let is_last = k + 1 == coarser.len();
-            let cues = if settled { best.cues } else { Cues { steps: true, blurred: is_last } };
+            // An edge is as sharp in small voxels: of those that are seen, larger ones have corners to add.
+            let cues = if settled { Cues::default() } else { Cues { steps: true, blurred: is_last } };
             stages.go_on()?;
             // Where larger voxels are too few, those before them have the last word.
             let Ok(result) = self.at(scale, cues, stages) else { break };

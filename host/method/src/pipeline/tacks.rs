@@ -33,9 +33,10 @@ const MOST_LEG_MM: f32 = 10.0;
 /// Length of a tack, mm: less is spatter or noise, more is a weld.
 const LENGTH_MM: RangeInclusive<f32> = 4.0..=35.0;
 /// A tack is higher over both faces than this, mm, and than this many standard deviations of the points, of which the model's
-/// are means: the face of one with legs of 4 mm is 2 mm over both.
+/// are means, and of the waves in them: the face of one with legs of 4 mm is 2 mm over both.
 const LEAST_HEIGHT_MM: f32 = 1.0;
 const HEIGHT_NOISES: f32 = 1.5;
+const HEIGHT_WAVES: f32 = 3.0;
 /// Distance of the slices in which it is looked for, and their half thickness, in voxels.
 const SLICE_VOXELS: f32 = 1.0;
 const HALF_SLICE_VOXELS: f32 = 1.2;
@@ -137,7 +138,8 @@ impl Ground {
             corners.extend(Corner::of(seam, line));
         }
         let (noise_mm, voxel_mm) = (result.scale.noise_mm, result.scale.edge_mm);
-        let least_mm = LEAST_HEIGHT_MM.max(HEIGHT_NOISES * noise_mm);
+        let waves_mm = HEIGHT_WAVES * result.found.waves_mm;
+        let least_mm = LEAST_HEIGHT_MM.max(HEIGHT_NOISES * noise_mm).max(waves_mm);
         let mut ground = Self { merged: Merged::default(), raw: Grid::default(), lumps: Vec::new() };
         for corner in &mut corners {
             corner.reach_over(&lines);

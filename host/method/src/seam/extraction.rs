@@ -109,6 +109,7 @@ pub fn find(input: &Input, config: &SeamConfig) -> Found {
         reason: reason.unwrap_or_else(|| corners.reason().into()),
         warnings,
         unwelded,
+        waves_mm: input.waves().height_mm,
         gate: scores.gate,
         intensity: scores.intensity,
         ..Found::default()
