@@ -22,8 +22,8 @@ use std::sync::Arc;
 
 // All chosen on the simulated scans and on scans of other people.
 
-/// Seams shorter than this, in voxels, ask for larger ones, and so do corners that are not sure enough to be seams, as long
-/// together.
+/// Seams shorter than this, in voxels, ask for larger ones, and so do corners that are not sure enough to be seams, together; what
+/// larger ones show instead of all must be clearly more, by this factor.
 const WEAK_VOXELS: f64 = 22.0;
 /// The smaller of the larger voxels, in multiples of the first, and the largest, which still resolves thick plates, mm.
 const COARSER: f32 = 1.8;
@@ -109,34 +109,43 @@ impl ScaleSearch<'_> {
         Some((view.mesh.as_deref()?, self.registration.base_from_camera.first()?))
     }
 
-    /// Tries larger voxels than `first` until seams show, and where corners are unsure; the size with clearly the most of them, with
-    /// what larger ones show better.
+    /// Tries larger voxels than `first` until seams show; the size with clearly the most of them.
     pub(super) fn best(&self, first: &Scale, stages: &mut Stages) -> Result<ScaleResult, PlanError> {
         let coarser = coarser(first);
         let steps = self.raw_scan().has_whole_views() || coarser.is_empty();
         let mut best = self.at(first, Cues { steps, blurred: false }, stages)?;
         let mut settled = self.settles(&best);
         for (k, scale) in coarser.iter().enumerate() {
-            if settled && !best.is_unsure() {
+            if settled {
                 break;
             }
-            let is_last = k + 1 == coarser.len();
-            // An edge is as sharp in small voxels: of those that are seen, larger ones have corners to add.
-            let cues = if settled { Cues::default() } else { Cues { steps: true, blurred: is_last } };
+            // What is rounded looks like a step.
+            let cues = Cues { steps: !best.found.is_rounded(), blurred: k + 1 == coarser.len() };
             stages.go_on()?;
             // Where larger voxels are too few, those before them have the last word.
             let Ok(result) = self.at(scale, cues, stages) else { break };
-            let settles = self.settles(&result);
-            if !settled && result.length_mm() > CLEARLY * best.length_mm() {
+            settled = self.settles(&result);
+            if result.length_mm() > CLEARLY * best.length_mm() {
                 best = result;
-            } else {
-                let [larger_mm, voxel_mm] = [scale, &best.scale].map(|scale| f64::from(scale.edge_mm));
-                best.found.join(result.found.seams, larger_mm, voxel_mm);
             }
-            settled |= settles;
         }
         stages.go_on()?;
         Ok(best)
+    }
+
+    /// Looks at corners that are not sure in larger voxels, too.
+    pub(super) fn look_again(&self, result: &mut ScaleResult, stages: &mut Stages) -> Result<(), PlanError> {
+        for scale in &coarser(&result.scale) {
+            if !result.is_unsure() {
+                break;
+            }
+            // An edge is as sharp in small voxels: larger ones have corners to add.
+            let Ok(larger) = self.at(scale, Cues::default(), stages) else { break };
+            let [larger_mm, voxel_mm] = [scale, &result.scale].map(|scale| f64::from(scale.edge_mm));
+            result.found.join(larger.found.seams, larger_mm, voxel_mm);
+            stages.go_on()?;
+        }
+        Ok(())
     }
 
     /// Grants the wishes; in words those that cannot be granted, of seams and of lines.

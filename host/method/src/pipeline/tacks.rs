@@ -96,6 +96,8 @@ pub(super) fn sought_without(
         result = further.in_place_of(search).best(first, stages)?;
         ground = Some(further);
     }
+    let here = ground.as_ref().map_or(*search, |ground| ground.in_place_of(search));
+    here.look_again(&mut result, stages)?;
     Ok((result, ground))
 }
 

@@ -3,11 +3,11 @@
 //! Scores tell the candidates, two faces are fitted about each, and the corners in which they meet are strung together;
 //! each chain is refined on the raw points and measured. Where that finds nothing, other cues are tried if asked for.
 
-use super::description::{Identity, described, is_sure, left_out};
+use super::description::{Identity, described, is_sure, left_out, rounded};
 use super::implied;
 use super::input::Input;
 use super::measure::dimension::Quantity;
-use super::measure::{fitup, grip, joint, resting};
+use super::measure::{fitup, grip, joint, ramp, resting};
 use super::ordering::{mark_branches, order};
 use super::refine::{RefineConfig, Refined, bend, expected, layers, overlap, rounds};
 use super::score::edges;
@@ -66,14 +66,20 @@ pub fn find(input: &Input, config: &SeamConfig) -> Found {
     });
     let found = corner_seams(input, &corners, config);
     let most_error_mm = if input.cues.blurred { BLURRED_ERROR_VOXELS * f64::from(v) } else { f64::INFINITY };
-    let (mut seams, mut unsure) = (Vec::new(), Vec::new());
+    let (mut seams, mut unsure, mut ramps) = (Vec::new(), Vec::new(), Vec::new());
     for (seam, is_seen_alone) in found {
         let is_sure =
             is_sure(&input.scan, &seam, is_seen_alone) && seam.fit_error.position_mm < most_error_mm;
-        if is_sure { seams.push(seam) } else { unsure.push(seam) }
+        if is_sure && ramp::is_ramp(&seam, &input.model) {
+            ramps.push(seam);
+        } else if is_sure {
+            seams.push(seam);
+        } else {
+            unsure.push(seam);
+        }
     }
     let is_lap = |seam: &Seam| seam.joint == Joint::Lap;
-    if input.cues.steps && (seams.is_empty() || seams.iter().any(is_lap)) {
+    if input.cues.steps && ((seams.is_empty() && ramps.is_empty()) || seams.iter().any(is_lap)) {
         let mut steps = step_seams(input, table.as_ref(), config);
         if !seams.is_empty() {
             steps.retain(|step| {
@@ -97,7 +103,8 @@ pub fn find(input: &Input, config: &SeamConfig) -> Found {
     }
     let warnings = unsure.iter().map(left_out).collect();
     let unsure_lines = unsure.iter().map(|seam| Unwelded::of(seam, WhyUnwelded::Unsure, left_out(seam)));
-    let lines = unsure_lines.chain(corners.unwelded(input, &config.trace)).collect();
+    let ramps = ramps.iter().map(|seam| Unwelded::of(seam, WhyUnwelded::Rounded, rounded(seam)));
+    let lines = unsure_lines.chain(ramps).chain(corners.unwelded(input, &config.trace)).collect();
     let implied = implied::joints(input.faces(), v, table.as_ref(), &input.scan.merged.origin_mm);
     let unwelded = unwelded::told(lines, implied, &seams, f64::from(v));
     let reason = unsure.first().map(left_out);

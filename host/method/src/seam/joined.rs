@@ -17,39 +17,28 @@ const ONE_TORCH: f64 = 0.5;
 pub(crate) const CLEARLY: f64 = 1.5;
 /// What is sharper is so by this angle through the air, degrees: what a face may turn from one link of a chain to the next.
 const SHARPER_DEG: f64 = 20.0;
-/// Length of a seam that larger voxels show, of them: that of the shortest chain, and what its ends lose.
-const LEAST_VOXELS: f64 = 16.0;
-/// Included angle from which on a corner may be a ramp: that of a right one is at 135 degrees to its faces, less what a face may turn.
-const RAMP_DEG: f64 = 115.0;
+/// Included angle up to which larger voxels have seams to add, degrees: what is wider may be the edge of a rounding that is wider
+/// than they are.
+const WIDE_DEG: f64 = 115.0;
 
 impl Found {
-    /// Corners that are seen and are not sure enough to be seams, and seams that may be ramps, mm.
+    /// Corners that are seen and are not sure enough to be seams, mm.
     pub(crate) fn unsure_mm(&self) -> f64 {
-        let unsure = self.unwelded.iter().filter(|line| line.reason == WhyUnwelded::Unsure);
-        let wide = self.seams.iter().filter(|seam| seam.is_wide());
-        unsure.map(Unwelded::length_mm).chain(wide.map(Seam::length_mm)).sum()
+        let is_unsure = |line: &&Unwelded| matches!(line.reason, WhyUnwelded::Unsure | WhyUnwelded::Rounded);
+        self.unwelded.iter().filter(is_unsure).map(Unwelded::length_mm).sum()
     }
 
-    /// Leaves out the seams that may be ramps and are not there in `larger` voxels, which show what is longer than `least_mm`.
-    fn without_ramps(&mut self, larger: &[Seam], near_mm: f64, least_mm: f64) {
-        let is_there = |seam: &Seam| {
-            larger.iter().any(|other| {
-                seam.is_of(other, near_mm) && seam.included_deg() - other.included_deg() < SHARPER_DEG
-            })
-        };
-        let is_ramp = |seam: &mut Seam| seam.is_wide() && seam.length_mm() > least_mm && !is_there(seam);
-        let ramps = self.seams.extract_if(.., is_ramp);
-        let told = ramps.map(|seam| Unwelded::of(&seam, WhyUnwelded::Unsure, ramp(&seam)));
-        self.unwelded.extend(told);
+    /// Whether roundings are seen that are wider than a neighbourhood.
+    pub(crate) fn is_rounded(&self) -> bool {
+        self.unwelded.iter().any(|line| line.reason == WhyUnwelded::Rounded)
     }
 
     /// What the `larger` voxels, of this edge, show better goes in the place of what is shown here; `voxel_mm` is the edge of those
     /// that it was found in.
     pub(crate) fn join(&mut self, larger: Vec<Seam>, larger_mm: f64, voxel_mm: f64) {
         let near_mm = NEAR_VOXELS * larger_mm;
-        self.without_ramps(&larger, near_mm, LEAST_VOXELS * larger_mm);
         let (mut better, mut is_worse): (Vec<Seam>, _) = (Vec::new(), vec![false; self.seams.len()]);
-        for seam in larger.into_iter().filter(|seam| self.is_seen(seam, near_mm)) {
+        for seam in larger.into_iter().filter(|seam| !seam.is_wide() && self.is_seen(seam, near_mm)) {
             let of_it: Vec<usize> =
                 (0..self.seams.len()).filter(|&k| !is_worse[k] && self.seams[k].is_of(&seam, near_mm)).collect();
             let small = of_it.iter().map(|&k| &self.seams[k]);
@@ -133,21 +122,12 @@ impl Seam {
     }
 
     fn is_wide(&self) -> bool {
-        self.included_deg() > RAMP_DEG
+        self.included_deg() > WIDE_DEG
     }
 
     /// Angle between its faces through the air, the mean along it, degrees.
-    fn included_deg(&self) -> f64 {
+    pub(super) fn included_deg(&self) -> f64 {
         let angle = |station: &Station| station.faces[0].angle(&station.faces[1]);
         180.0 - (self.stations.iter().map(angle).sum::<f64>() / self.stations.len() as f64).to_degrees()
     }
-}
-
-fn ramp(seam: &Seam) -> String {
-    format!(
-        "{} at {:.0} deg is not offered: seen from farther off it is not there, so that it may be the rounding of another: scan \
-         it again from nearer",
-        seam.as_inside_corner(),
-        seam.included_deg()
-    )
 }

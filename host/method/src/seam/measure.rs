@@ -5,4 +5,5 @@ pub mod dimension;
 pub mod fitup;
 pub mod grip;
 pub mod joint;
+pub mod ramp;
 pub mod resting;

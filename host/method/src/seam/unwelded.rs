@@ -16,6 +16,8 @@ pub enum WhyUnwelded {
     Unsure,
     /// Nobody knows which side of its faces is air.
     UnknownSide,
+    /// It is the edge of a rounding, and what is rounded is not seen well enough.
+    Rounded,
     /// Its faces would meet there if they went on: the corner itself was hardly seen.
     Implied,
 }
@@ -50,6 +52,7 @@ impl Unwelded {
                 "is where two faces would meet, but the corner itself was hardly seen: scan it again from nearer, or from \
                  where both faces show"
             }
+            WhyUnwelded::Rounded => "is the edge of a rounding: scan it again from nearer",
             _ => "is seen too thinly, or too blurred, to fit a seam to it: scan it again from nearer, or from more sides",
         };
         let place = |p: &Point3<f64>| format!("{:.0},{:.0},{:.0}", p.x, p.y, p.z);

@@ -1,0 +1,67 @@
+//! Whether a seam runs along the rounding of a corner and not in it (ours).
+//!
+//! A matcher's window rounds a corner, and so does a radius of the work. A neighbourhood that is smaller than the rounding sees two
+//! wide corners in it, one on either side: between a face and a ramp. The ramp is told by where it leads: beyond it the surface turns
+//! on the same way, up to the other face.
+
+use crate::geometry::statistics::median;
+use crate::seam::input::SurfaceModel;
+use crate::seam::{Seam, Station};
+use nalgebra::{Point3, Vector3};
+
+/// How far from the seam the surface is looked at, mm: a matcher's window of 15 mm makes a ramp of 11.
+const BEYOND_MM: [f32; 2] = [12.0, 20.0];
+/// Half width of the sections that are looked at, voxels.
+const SECTION_VOXELS: f32 = 2.0;
+/// Seen from the seam, what is there stands so high over the face at least, rad: halfway out, a surface that turns by 45 degrees after
+/// 11 mm stands at 14 degrees. No face of a seam that is offered leans by as much.
+const LEAST_RISE_RAD: f32 = 0.17;
+/// A face that goes on as it is stands no higher over itself, rad: what waves and a fit's lean explain.
+const MOST_FLAT_RAD: f32 = 0.07;
+/// What stands higher than this share of the angle between the faces is of the other.
+const OF_OTHER: f64 = 0.75;
+/// Points that say so, and share of the stations that have some.
+const LEAST_POINTS: usize = 20;
+const LEAST_SHARE: f32 = 0.5;
+/// A ramp is at a wider angle to a face than this, degrees: half the way from one face to the other of an acute corner.
+const LEAST_DEG: f64 = 105.0;
+
+/// Whether one of its faces turns on to a third, toward the air, and the other does not: in the middle of a rounding both do.
+pub fn is_ramp(seam: &Seam, model: &SurfaceModel) -> bool {
+    if seam.included_deg() < LEAST_DEG {
+        return false;
+    }
+    let [one, other] = [0, 1].map(|k| rise_rad(seam, k, model).unwrap_or(0.0));
+    one.max(other) > LEAST_RISE_RAD && one.min(other) < MOST_FLAT_RAD
+}
+
+/// How high over a face the surface stands beyond it, the median; none where little is seen of it.
+fn rise_rad(seam: &Seam, k: usize, model: &SurfaceModel) -> Option<f32> {
+    let (mut rises, mut shown) = (Vec::new(), 0);
+    for station in &seam.stations {
+        let before = rises.len();
+        section(station, k, model, &mut rises);
+        shown += usize::from(rises.len() > before);
+    }
+    let is_shown = shown as f32 > LEAST_SHARE * seam.stations.len() as f32 && rises.len() >= LEAST_POINTS;
+    is_shown.then(|| median(&mut rises))
+}
+
+/// Angles over the face, seen from the seam, of the points beyond what a ramp may be wide, rad.
+fn section(station: &Station, k: usize, model: &SurfaceModel, rises: &mut Vec<f32>) {
+    let [face, other] = [station.faces[k], station.faces[1 - k]].map(|n| n.cast::<f32>());
+    let Some(away) = (other - face * face.dot(&other)).try_normalize(1e-3) else { return };
+    let tangent: Vector3<f32> = station.tangent.cast();
+    let at = Point3::from((station.position_mm - model.cloud.origin_mm).cast::<f32>());
+    let [from_mm, to_mm] = BEYOND_MM;
+    let most_mm = SECTION_VOXELS * model.voxel_mm();
+    let most_rad = OF_OTHER * (std::f64::consts::PI - station.faces[0].angle(&station.faces[1]));
+    model.index.within(&at, to_mm, |slot, squared_mm2| {
+        let p = model.index.point(slot) - at;
+        let angle_rad = p.dot(&face).atan2(p.dot(&away));
+        let is_there = squared_mm2 > from_mm * from_mm && p.dot(&tangent).abs() < most_mm;
+        if is_there && (-most_rad..most_rad).contains(&f64::from(angle_rad)) {
+            rises.push(angle_rad);
+        }
+    });
+}
