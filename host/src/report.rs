@@ -72,8 +72,7 @@ pub fn without_seams(recording: &Recording, job: &Job, error: &PlanError, read: 
     };
     let verdict = Verdict::new([Finding::new(id, error.to_string())], &[]);
     let rejected = recording.rejected.clone();
-    let summary =
-        Summary::new(&plan, read, &[], &[], job.order.up.get(), rejected).with_verdict(verdict);
+    let summary = Summary::new(&plan, read, &[], &[], job.order.up.get(), rejected).with_verdict(verdict);
     let output = Output {
         paths: Vec::new(),
         program: Program::default(),

@@ -238,6 +238,38 @@ impl Seam {
     }
 }
 
+#[cfg(test)]
+impl Seam {
+    /// One of these stations of which nothing else matters.
+    pub(crate) fn through(stations: Vec<Station>) -> Self {
+        Self {
+            id: 1,
+            joint: Joint::Fillet,
+            reason: String::new(),
+            stations,
+            closed: false,
+            confidence: 1.0,
+            expected_error_mm: 0.0,
+            expected_error_deg: 0.0,
+            relative_error_mm: 0.0,
+            error_parts: ErrorParts {
+                noise_mm: 0.0,
+                registration_mm: 0.0,
+                calibration_mm: 0.0,
+                corner_mm: 0.0,
+                touch_mm: 0.0,
+            },
+            fit_error: FitError::default(),
+            base_error_mm: 0.0,
+            base_error_deg: 0.0,
+            contact: None,
+            drawn: false,
+            dimensions: Vec::new(),
+            warnings: Vec::new(),
+        }
+    }
+}
+
 /// What is left of a seam that is cut is one if it is as long as the shortest of a mesh, mm.
 const SHORTEST_MM: f64 = 6.0;
 /// A place nearer to a station than this is on the seam, mm: about the distance of stations.

@@ -126,7 +126,10 @@ fn search(session: &Session, job: &Job, stop: &AtomicBool) -> Result<Arc<Searche
         Err(Error::Plan { error: error @ PlanError::Touch(_), .. }) => {
             Err(told(error, "take the touch out of the job, or name its seam"))
         }
-        Err(Error::Plan { error: error @ (PlanError::NoSeam { .. } | PlanError::TooSparse { .. }), read }) => {
+        Err(Error::Plan {
+            error: error @ (PlanError::NoSeam { .. } | PlanError::TooSparse { .. }),
+            read,
+        }) => {
             let seen = report::without_seams(&watch.recording, job, &error, *read);
             write(&session.workplace, &seen)?;
             if let Some(page) = seen.first() {

@@ -51,7 +51,6 @@ impl Exclusion {
     }
 }
 
-
 /// What is work of all that was scanned, the `whole` of its functions.
 pub(super) struct Scene {
     /// What stays and what is left out; none where nothing is excluded.
@@ -123,16 +122,7 @@ impl Scene {
         if self.parts.is_none() {
             let (index, intensity) = (&model.index, &found.intensity[..]);
             let model = cloud;
-            observer.evidence(&Evidence {
-                merged,
-                raw,
-                voxels,
-                model,
-                index,
-                intensity,
-                rejected,
-                unwelded,
-            });
+            observer.evidence(&Evidence { merged, raw, voxels, model, index, intensity, rejected, unwelded });
             return;
         }
         let raw = &Grid::new(&merged.points_mm, RAW_CELL_MM);
@@ -141,16 +131,7 @@ impl Scene {
         intensity.resize(cloud.len(), 0.0);
         let intensity = &intensity[..];
         let model = cloud;
-        observer.evidence(&Evidence {
-            merged,
-            raw,
-            voxels,
-            model,
-            index,
-            intensity,
-            rejected,
-            unwelded,
-        });
+        observer.evidence(&Evidence { merged, raw, voxels, model, index, intensity, rejected, unwelded });
     }
 
     /// Why there is no seam, with what was left out.
@@ -213,7 +194,7 @@ impl Scene {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::seam::{ErrorParts, Joint, Station};
+    use crate::seam::Station;
     use nalgebra::Vector3;
 
     /// A straight seam along x from 0 to 100 mm, a station every millimetre.
@@ -223,31 +204,7 @@ mod tests {
             tangent: Vector3::x(),
             faces: [Vector3::y(), Vector3::z()],
         };
-        Seam {
-            id: 1,
-            joint: Joint::Fillet,
-            reason: String::new(),
-            stations: (0..=100).map(station).collect(),
-            closed: false,
-            confidence: 1.0,
-            expected_error_mm: 0.0,
-            expected_error_deg: 0.0,
-            relative_error_mm: 0.0,
-            fit_error: crate::seam::FitError::default(),
-            error_parts: ErrorParts {
-                noise_mm: 0.0,
-                registration_mm: 0.0,
-                calibration_mm: 0.0,
-                corner_mm: 0.0,
-                touch_mm: 0.0,
-            },
-            base_error_mm: 0.0,
-            base_error_deg: 0.0,
-            contact: None,
-            drawn: false,
-            dimensions: Vec::new(),
-            warnings: Vec::new(),
-        }
+        Seam::through((0..=100).map(station).collect())
     }
 
     #[test]

@@ -133,10 +133,11 @@ impl ScaleSearch<'_> {
         Ok(best)
     }
 
-    /// Looks at corners that are not sure in larger voxels, too.
+    /// Looks at corners that are not sure in larger voxels, too. What one view alone shows of them is no better there: its ripples and
+    /// the curl of its silhouettes become faces.
     pub(super) fn look_again(&self, result: &mut ScaleResult, stages: &mut Stages) -> Result<(), PlanError> {
         for scale in &coarser(&result.scale) {
-            if !result.is_unsure() {
+            if !self.raw_scan().is_seen_from_several() || !result.is_unsure() {
                 break;
             }
             // An edge is as sharp in small voxels: larger ones have corners to add.

@@ -66,18 +66,7 @@ pub fn find(input: &Input, config: &SeamConfig) -> Found {
     });
     let found = corner_seams(input, &corners, config);
     let most_error_mm = if input.cues.blurred { BLURRED_ERROR_VOXELS * f64::from(v) } else { f64::INFINITY };
-    let (mut seams, mut unsure, mut ramps) = (Vec::new(), Vec::new(), Vec::new());
-    for (seam, is_seen_alone) in found {
-        let is_sure =
-            is_sure(&input.scan, &seam, is_seen_alone) && seam.fit_error.position_mm < most_error_mm;
-        if is_sure && ramp::is_ramp(&seam, &input.model) {
-            ramps.push(seam);
-        } else if is_sure {
-            seams.push(seam);
-        } else {
-            unsure.push(seam);
-        }
-    }
+    let Judged { mut seams, mut unsure, ramps } = Judged::of(found, input, most_error_mm);
     let is_lap = |seam: &Seam| seam.joint == Joint::Lap;
     if input.cues.steps && ((seams.is_empty() && ramps.is_empty()) || seams.iter().any(is_lap)) {
         let mut steps = step_seams(input, table.as_ref(), config);
@@ -120,6 +109,36 @@ pub fn find(input: &Input, config: &SeamConfig) -> Found {
         gate: scores.gate,
         intensity: scores.intensity,
         ..Found::default()
+    }
+}
+
+/// Seams by whether they are offered.
+#[derive(Default)]
+struct Judged {
+    seams: Vec<Seam>,
+    /// Too uncertain.
+    unsure: Vec<Seam>,
+    /// Edges of roundings.
+    ramps: Vec<Seam>,
+}
+
+impl Judged {
+    /// Of seams, and whether one view alone saw a face of them.
+    fn of(found: Vec<(Seam, bool)>, input: &Input, most_error_mm: f64) -> Self {
+        let mut judged = Self::default();
+        for (seam, is_seen_alone) in found {
+            let is_sure =
+                is_sure(&input.scan, &seam, is_seen_alone) && seam.fit_error.position_mm < most_error_mm;
+            let kind = match is_sure {
+                false => &mut judged.unsure,
+                true if input.scan.is_seen_from_several() && ramp::is_ramp(&seam, &input.model) => {
+                    &mut judged.ramps
+                }
+                true => &mut judged.seams,
+            };
+            kind.push(seam);
+        }
+        judged
     }
 }
 
@@ -309,7 +328,7 @@ fn step_seams(input: &Input, table: Option<&Support>, config: &SeamConfig) -> Ve
 /// Whether layers as near to each other as those of sheet may be told apart: one view alone shows no layer twice, and where no
 /// camera tells what hides what, a model's hidden faces are in the cloud, too.
 pub(super) fn shows_sheets(input: &Input) -> bool {
-    input.scan.cameras_known && input.scan.merged.cameras_mm.len() > 1
+    input.scan.is_seen_from_several()
 }
 
 /// A refined chain at the foot of a step.

@@ -73,6 +73,11 @@ impl RawScan<'_> {
         self.cameras_known && self.view_names.len() == 1
     }
 
+    /// Whether cameras saw it from several places.
+    pub(crate) fn is_seen_from_several(&self) -> bool {
+        self.cameras_known && self.merged.cameras_mm.len() > 1
+    }
+
     /// What a view saw, the excluded too; none where its pose is unknown.
     pub(crate) fn seen_by(&self, view: usize) -> Option<Seen> {
         let pose = self.registration?.base_from_camera.get(view)?;

@@ -4,7 +4,7 @@
 //! a ramp between the faces, or nothing that lasts. A larger one reaches beyond it. So larger voxels look at the corners that small
 //! ones see, and have the say where they see one clearly longer, or sharper.
 
-use super::{Contact, Found, Seam, Station, Unwelded, WhyUnwelded, ordering};
+use super::{Found, Seam, Station, Unwelded, WhyUnwelded, ordering};
 use nalgebra::Point3;
 
 /// Two lines are of one corner this near to each other, larger voxels: half of what a neighbourhood of theirs reaches. A ramp ends
@@ -38,35 +38,36 @@ impl Found {
     pub(crate) fn join(&mut self, larger: Vec<Seam>, larger_mm: f64, voxel_mm: f64) {
         let near_mm = NEAR_VOXELS * larger_mm;
         let (mut better, mut is_worse): (Vec<Seam>, _) = (Vec::new(), vec![false; self.seams.len()]);
-        for seam in larger.into_iter().filter(|seam| !seam.is_wide() && self.is_seen(seam, near_mm)) {
-            let of_it: Vec<usize> =
-                (0..self.seams.len()).filter(|&k| !is_worse[k] && self.seams[k].is_of(&seam, near_mm)).collect();
+        for mut seam in larger.into_iter().filter(|seam| !seam.is_wide() && self.is_seen(seam, near_mm)) {
+            let of_it: Vec<usize> = (0..self.seams.len())
+                .filter(|&k| !is_worse[k] && self.seams[k].is_of(&seam, near_mm))
+                .collect();
             let small = of_it.iter().map(|&k| &self.seams[k]);
             let length_mm: f64 = small.clone().map(Seam::length_mm).sum();
             let is_sharper =
                 small.clone().all(|small| small.included_deg() - seam.included_deg() > SHARPER_DEG);
-            let contact: Option<Contact> = small.clone().find_map(|small| small.contact);
+            let contact = small.clone().find_map(|small| small.contact);
+            // What small voxels tell from a contact is none.
             let is_contact = seam.contact.is_some() && contact.is_none() && !of_it.is_empty();
             if is_contact || (!is_sharper && seam.length_mm() < CLEARLY * length_mm) {
                 continue;
             }
             of_it.iter().for_each(|&k| is_worse[k] = true);
-            better.extend(contact.into_iter().fold(Some(seam), |seam, contact| {
-                let mut seam = seam?;
-                seam.mark_contact(contact);
-                Some(seam)
-            }));
+            contact.into_iter().for_each(|contact| seam.mark_contact(contact));
+            better.push(seam);
         }
+        if better.is_empty() {
+            return;
+        }
+        self.tell_anew(&better, near_mm, voxel_mm);
         let mut is_worse = is_worse.into_iter();
         self.seams.retain(|_| !is_worse.next().unwrap_or(false));
         for seam in better {
-            let is_taken =
-                |station: &Station| self.seams.iter().any(|other| other.holds(station, near_mm));
+            let is_taken = |station: &Station| self.seams.iter().any(|other| other.holds(station, near_mm));
             let free = seam.stretches(is_taken);
             self.seams.extend(free);
         }
         ordering::order(&mut self.seams);
-        self.tell_anew(near_mm, voxel_mm);
     }
 
     /// Whether half of a seam runs along corners that are shown here, and not on the table.
@@ -85,9 +86,9 @@ impl Found {
         2 * shown >= seam.stations.len() && shown > on_table
     }
 
-    /// Of the corners that are no seams, what is not beside those that are now.
-    fn tell_anew(&mut self, near_mm: f64, voxel_mm: f64) {
-        let (seams, mut gone) = (&self.seams, Vec::new());
+    /// Of the corners that are no seams, what is not beside these that are now.
+    fn tell_anew(&mut self, seams: &[Seam], near_mm: f64, voxel_mm: f64) {
+        let mut gone = Vec::new();
         let is_free = |p: &Point3<f64>| {
             let near = |station: &Station| (station.position_mm - p).norm() < near_mm;
             !seams.iter().any(|seam| seam.stations.iter().any(near))
@@ -129,5 +130,68 @@ impl Seam {
     pub(super) fn included_deg(&self) -> f64 {
         let angle = |station: &Station| station.faces[0].angle(&station.faces[1]);
         180.0 - (self.stations.iter().map(angle).sum::<f64>() / self.stations.len() as f64).to_degrees()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Vector3;
+
+    /// Along x at y = `across_mm`, between the level face and one at an angle to it; the air is above, and before it.
+    fn seam(from_mm: f64, to_mm: f64, across_mm: f64, included_deg: f64) -> Seam {
+        let (sin, cos) = included_deg.to_radians().sin_cos();
+        let station = |k: i32| Station {
+            position_mm: Point3::new(from_mm + 2.0 * f64::from(k), across_mm, 0.0),
+            tangent: Vector3::x(),
+            // A face that rises from y = 0 to negative y, seen from positive y.
+            faces: [Vector3::z(), Vector3::new(0.0, sin, -cos)],
+        };
+        Seam::through((0..=((to_mm - from_mm) / 2.0) as i32).map(station).collect())
+    }
+
+    fn line(from_mm: f64, to_mm: f64, reason: WhyUnwelded) -> Unwelded {
+        Unwelded::of(&seam(from_mm, to_mm, 3.0, 90.0), reason, "a line".into())
+    }
+
+    fn joined(small: Vec<Seam>, unwelded: Vec<Unwelded>, larger: Seam) -> Found {
+        let mut found = Found { seams: small, unwelded, ..Found::default() };
+        found.join(vec![larger], 2.0, 1.0);
+        found
+    }
+
+    fn lengths_mm(found: &Found) -> Vec<f64> {
+        found.seams.iter().map(Seam::length_mm).collect()
+    }
+
+    #[test]
+    fn a_corner_in_pieces_is_whole_in_larger_voxels_and_told_no_more() {
+        let lines = vec![line(40.0, 100.0, WhyUnwelded::Unsure), line(130.0, 200.0, WhyUnwelded::Unsure)];
+        let found = joined(vec![seam(0.0, 40.0, 0.0, 90.0)], lines, seam(0.0, 100.0, 1.0, 90.0));
+        assert_eq!(lengths_mm(&found), [100.0]);
+        assert_eq!(found.unwelded.len(), 1);
+        assert!((found.unwelded[0].length_mm() - 70.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn small_voxels_keep_what_larger_ones_show_no_better() {
+        let fine = || vec![seam(0.0, 80.0, 0.0, 90.0)];
+        assert_eq!(lengths_mm(&joined(fine(), vec![], seam(0.0, 100.0, 1.0, 80.0))), [80.0]);
+        // On the other side of a web of 2 mm, and in a corner that nothing shows in small voxels.
+        let mut behind = seam(0.0, 100.0, -2.0, 90.0);
+        behind.stations.iter_mut().for_each(|station| station.faces[1] = -station.faces[1]);
+        assert_eq!(lengths_mm(&joined(fine(), vec![], behind)), [80.0]);
+        assert_eq!(lengths_mm(&joined(fine(), vec![], seam(0.0, 200.0, 50.0, 90.0))), [80.0]);
+        let table = vec![line(0.0, 200.0, WhyUnwelded::Table)];
+        assert_eq!(lengths_mm(&joined(vec![], table, seam(0.0, 200.0, 0.0, 90.0))), [0.0; 0]);
+    }
+
+    #[test]
+    fn a_sharper_corner_takes_the_place_of_the_edge_of_its_rounding_and_no_wide_one_does() {
+        let ramp = || vec![seam(0.0, 80.0, 4.0, 140.0)];
+        let found = joined(ramp(), vec![], seam(0.0, 80.0, 0.0, 90.0));
+        assert!((found.seams[0].included_deg() - 90.0).abs() < 1e-6 && found.seams.len() == 1);
+        let unsure = vec![line(0.0, 200.0, WhyUnwelded::Unsure)];
+        assert_eq!(lengths_mm(&joined(ramp(), unsure, seam(0.0, 200.0, 0.0, 150.0))), [80.0]);
     }
 }

@@ -53,7 +53,9 @@ impl Unwelded {
                  where both faces show"
             }
             WhyUnwelded::Rounded => "is the edge of a rounding: scan it again from nearer",
-            _ => "is seen too thinly, or too blurred, to fit a seam to it: scan it again from nearer, or from more sides",
+            _ => {
+                "is seen too thinly, or too blurred, to fit a seam to it: scan it again from nearer, or from more sides"
+            }
         };
         let place = |p: &Point3<f64>| format!("{:.0},{:.0},{:.0}", p.x, p.y, p.z);
         let middle = self.line_mm.get(self.line_mm.len() / 2).map(place).unwrap_or_default();

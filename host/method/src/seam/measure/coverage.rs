@@ -317,7 +317,6 @@ impl Gap {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::seam::{ErrorParts, Joint};
 
     /// A base plate (z = 0) and a web (y = 0) along x from -100 to 100 mm, 1 mm apart, as one camera sees them; `keep`
     /// says which points it measured. `behind` adds what it sees of a wall 80 mm behind the web where the web is missing.
@@ -347,25 +346,7 @@ mod tests {
             tangent: Vector3::x(),
             faces: [Vector3::z(), Vector3::y()],
         };
-        Seam {
-            id: 1,
-            joint: Joint::Fillet,
-            reason: String::new(),
-            stations: (-100..=to_mm).step_by(2).map(station).collect(),
-            closed: false,
-            confidence: 1.0,
-            expected_error_mm: 0.1,
-            relative_error_mm: 0.1,
-            fit_error: crate::seam::FitError::default(),
-            error_parts: ErrorParts::of_noise(0.1),
-            base_error_mm: f64::NAN,
-            base_error_deg: f64::NAN,
-            expected_error_deg: 0.1,
-            contact: None,
-            drawn: false,
-            dimensions: vec![],
-            warnings: vec![],
-        }
+        Seam::through((-100..=to_mm).step_by(2).map(station).collect())
     }
 
     #[test]

@@ -65,3 +65,55 @@ fn section(station: &Station, k: usize, model: &SurfaceModel, rises: &mut Vec<f3
         }
     });
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::cloud::PointCloud;
+    use crate::geometry::grid::Grid;
+    use crate::model::downsampling::Voxels;
+
+    /// Whether the corner at the origin of a profile of (y, z), which goes along x, is a ramp, between faces with these normals.
+    fn is_ramp_of(profile: &[[f32; 2]], faces: [[f64; 2]; 2]) -> bool {
+        let mut points = Vec::new();
+        for pair in profile.windows(2) {
+            let [a, b] = [pair[0], pair[1]];
+            let steps = ((b[0] - a[0]).hypot(b[1] - a[1])) as usize;
+            for (k, x) in (0..steps).flat_map(|k| (0..100).map(move |x| (k, x as f32))) {
+                let t = k as f32 / steps as f32;
+                points.push(Point3::new(x, a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1])));
+            }
+        }
+        let cloud = PointCloud { points_mm: points, ..PointCloud::default() };
+        let voxels = Voxels { edge_mm: 1.0, cloud: cloud.clone(), ..Voxels::default() };
+        let index = Grid::new(&cloud.points_mm, 4.0);
+        let model = SurfaceModel { voxels: &voxels, cloud: &cloud, index: &index, asymmetries: &[] };
+        let faces = faces.map(|[y, z]| Vector3::new(0.0, y, z).normalize());
+        let station = |k: i32| Station {
+            position_mm: Point3::new(2.0 * f64::from(k), 0.0, 0.0),
+            tangent: Vector3::x(),
+            faces,
+        };
+        is_ramp(&Seam::through((0..50).map(station).collect()), &model)
+    }
+
+    const LEVEL_AND_SLOPE: [[f64; 2]; 2] = [[0.0, 1.0], [1.0, 1.0]];
+
+    #[test]
+    fn the_edge_of_a_rounding_is_a_ramp_and_a_wide_corner_is_none() {
+        // A plate, 45 degrees up over 7 mm, and a wall.
+        assert!(is_ramp_of(&[[40.0, 0.0], [0.0, 0.0], [-5.0, 5.0], [-5.0, 40.0]], LEVEL_AND_SLOPE));
+        assert!(!is_ramp_of(&[[40.0, 0.0], [0.0, 0.0], [-30.0, 30.0]], LEVEL_AND_SLOPE));
+        // It ends, and goes on level: a bevel.
+        assert!(!is_ramp_of(&[[40.0, 0.0], [0.0, 0.0], [-7.0, 7.0], [-40.0, 7.0]], LEVEL_AND_SLOPE));
+    }
+
+    #[test]
+    fn the_middle_of_a_rounding_is_no_edge_of_it() {
+        // A groove whose root is flattened on both sides alike.
+        let half = [[0.0, 0.0], [7.0, 2.5], [20.0, 22.0]];
+        let mut profile: Vec<[f32; 2]> = half.iter().rev().map(|[y, z]| [-y, *z]).collect();
+        profile.extend(&half[1..]);
+        assert!(!is_ramp_of(&profile, [[-2.5, 7.0], [2.5, 7.0]]));
+    }
+}
