@@ -24,6 +24,7 @@ mod merged_clouds;
 mod paper_comparison;
 mod pieces;
 mod planned;
+mod real_clouds;
 mod real_data;
 mod refit;
 mod scan_direction;

@@ -34,7 +34,8 @@ fn read(path: &Path, units: Units) -> Scan {
         .unwrap_or_else(|error| panic!("{error}"))
 }
 
-fn plan(path: &Path) -> &'static Result<Plan, PlanError> {
+/// Planned once for all who ask.
+pub(crate) fn plan(path: &Path) -> &'static Result<Plan, PlanError> {
     static PLANS: Shared<PathBuf, Result<Plan, PlanError>> = Shared::new();
     PLANS.get(path.into(), || plan_of(&read(path, Units::Auto)))
 }

@@ -95,6 +95,7 @@ pub fn find(input: &Input, config: &SeamConfig) -> Found {
     let ramps = ramps.iter().map(|seam| Unwelded::of(seam, WhyUnwelded::Rounded, rounded(seam)));
     let lines = unsure_lines.chain(ramps).chain(corners.unwelded(input, &config.trace)).collect();
     let implied = implied::joints(input.faces(), v, table.as_ref(), &input.scan.merged.origin_mm);
+    let waves_mm = if seams.is_empty() { 0.0 } else { input.waves().height_mm };
     let unwelded = unwelded::told(lines, implied, &seams, f64::from(v));
     let reason = unsure.first().map(left_out);
     // The table is the last thing that a reader asks about.
@@ -105,7 +106,7 @@ pub fn find(input: &Input, config: &SeamConfig) -> Found {
         reason: reason.unwrap_or_else(|| corners.reason().into()),
         warnings,
         unwelded,
-        waves_mm: input.waves().height_mm,
+        waves_mm,
         gate: scores.gate,
         intensity: scores.intensity,
         ..Found::default()
