@@ -79,7 +79,7 @@ fn an_output_that_cannot_be_written_is_5_before_any_work() {
 }
 
 #[test]
-fn a_flat_plate_is_3_and_leaves_a_report_only() {
+fn a_flat_plate_is_3_and_leaves_what_was_seen_only() {
     let home = home();
     for more in [vec!["--no-report"], vec![], vec!["--quiet"], vec!["--json"]] {
         let output = weldpath(home.path(), &[&["plan", "flat.xyz"], more.as_slice()].concat());
@@ -92,7 +92,7 @@ fn a_flat_plate_is_3_and_leaves_a_report_only() {
         left.sort();
         match more[..] {
             ["--no-report"] => assert!(left.is_empty(), "{left:?}"),
-            _ => assert_eq!(left, ["report.html", "report.svg", "weldpath-manifest.json"]),
+            _ => assert_eq!(left, ["report.html", "report.svg", "summary.json", "weldpath-manifest.json"]),
         }
     }
 }

@@ -42,6 +42,7 @@ use measure::dimension::Dimension;
 use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use trace::support::Support;
 
 /// Joint type of a seam; the names are the same in files, options and messages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
@@ -288,6 +289,8 @@ pub struct Found {
     pub reason: String,
     /// Whether the air side of the faces is assumed, as the cloud looks nearly alike from both.
     pub orientation_assumed: bool,
+    /// The table that the work stands on, about the origin of the scan.
+    pub(crate) table: Option<Support>,
     /// How far parts of faces are off them, beyond what noise explains: one standard deviation, mm.
     pub waves_mm: f32,
     /// Intensity gate, for the report.

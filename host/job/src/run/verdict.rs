@@ -398,9 +398,9 @@ fn beyond_scan(plan: &Plan) -> Vec<Finding> {
     plan.seams.iter().filter(beyond).map(finding).collect()
 }
 
-/// Passes whose tip is inside what was scanned; `found` are the lines of the seams, which may be so themselves where the scan has
-/// rounded a corner.
-pub(crate) fn tips_inside(paths: &[SeamPath], found: &[SeamPath], model: &PointCloud) -> Vec<Finding> {
+/// Passes whose tip is inside what was scanned; `lines` are those of the seams, which may be so themselves where the scan has rounded
+/// a corner.
+pub(crate) fn tips_inside(paths: &[SeamPath], lines: &[SeamPath], model: &PointCloud) -> Vec<Finding> {
     let grid = Grid::new(&model.points_mm, 0.25 * ABOUT_MM);
     let depth_mm = |place: &Point3<f64>| -> f64 {
         let place = (place - model.origin_mm.coords).cast::<f32>();
@@ -415,7 +415,6 @@ pub(crate) fn tips_inside(paths: &[SeamPath], found: &[SeamPath], model: &PointC
         let least = |run: &[f64]| run.iter().copied().fold(f64::INFINITY, f64::min);
         depths.windows(INSIDE_POINTS).map(least).fold(0.0, f64::max)
     };
-    let lines = found;
     let mut found = Vec::new();
     for path in paths {
         let line_mm = lines.iter().find(|line| line.seam == path.seam).map_or(0.0, deepest_mm);

@@ -142,8 +142,8 @@ impl ScaleSearch<'_> {
             }
             // An edge is as sharp in small voxels: larger ones have corners to add.
             let Ok(larger) = self.at(scale, Cues::default(), stages) else { break };
-            let [larger_mm, voxel_mm] = [scale, &result.scale].map(|scale| f64::from(scale.edge_mm));
-            result.found.join(larger.found.seams, larger_mm, voxel_mm);
+            let edges_mm = [scale, &result.scale].map(|scale| f64::from(scale.edge_mm));
+            result.found.join(larger.found, &self.merged.origin_mm, edges_mm);
             stages.go_on()?;
         }
         Ok(())

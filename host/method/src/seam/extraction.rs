@@ -106,6 +106,7 @@ pub fn find(input: &Input, config: &SeamConfig) -> Found {
         reason: reason.unwrap_or_else(|| corners.reason().into()),
         warnings,
         unwelded,
+        table,
         waves_mm,
         gate: scores.gate,
         intensity: scores.intensity,

@@ -4,6 +4,7 @@
 //! a ramp between the faces, or nothing that lasts. A larger one reaches beyond it. So larger voxels look at the corners that small
 //! ones see, and have the say where they see one clearly longer, or sharper.
 
+use super::trace::support::Support;
 use super::{Found, Seam, Station, Unwelded, WhyUnwelded, ordering};
 use nalgebra::Point3;
 
@@ -33,10 +34,16 @@ impl Found {
         self.unwelded.iter().any(|line| line.reason == WhyUnwelded::Rounded)
     }
 
-    /// What the `larger` voxels, of this edge, show better goes in the place of what is shown here; `voxel_mm` is the edge of those
-    /// that it was found in.
-    pub(crate) fn join(&mut self, larger: Vec<Seam>, larger_mm: f64, voxel_mm: f64) {
+    /// What `larger` voxels show better goes in the place of what is shown here, given the edges of both, of the larger ones first.
+    pub(crate) fn join(&mut self, larger: Self, origin_mm: &Point3<f64>, [larger_mm, voxel_mm]: [f64; 2]) {
         let near_mm = NEAR_VOXELS * larger_mm;
+        // Waves may hide a table from small voxels.
+        if self.table.is_none()
+            && let Some(table) = &larger.table
+        {
+            self.rest(table, origin_mm);
+        }
+        let larger = larger.seams;
         let (mut better, mut is_worse): (Vec<Seam>, _) = (Vec::new(), vec![false; self.seams.len()]);
         for mut seam in larger.into_iter().filter(|seam| !seam.is_wide() && self.is_seen(seam, near_mm)) {
             let of_it: Vec<usize> = (0..self.seams.len())
@@ -68,6 +75,20 @@ impl Found {
             self.seams.extend(free);
         }
         ordering::order(&mut self.seams);
+    }
+
+    /// Takes for contacts with this table the seams of which it is a face; `origin_mm` is that of the scan.
+    fn rest(&mut self, table: &Support, origin_mm: &Point3<f64>) {
+        let is_on = |station: &&Station| {
+            let place = Point3::from((station.position_mm - origin_mm).cast::<f32>());
+            station.faces.iter().any(|face| table.is_face(&face.cast(), &place))
+        };
+        let rests = |seam: &mut Seam| 2 * seam.stations.iter().filter(is_on).count() > seam.stations.len();
+        for seam in self.seams.extract_if(.., rests) {
+            let line = Unwelded::of(&seam, WhyUnwelded::Table, String::new());
+            self.unwelded.push(Unwelded { words: line.in_words(), ..line });
+        }
+        (1..).zip(&mut self.seams).for_each(|(id, seam)| seam.id = id);
     }
 
     /// Whether half of a seam runs along corners that are shown here, and not on the table.
@@ -156,7 +177,7 @@ mod tests {
 
     fn joined(small: Vec<Seam>, unwelded: Vec<Unwelded>, larger: Seam) -> Found {
         let mut found = Found { seams: small, unwelded, ..Found::default() };
-        found.join(vec![larger], 2.0, 1.0);
+        found.join(Found { seams: vec![larger], ..Found::default() }, &Point3::origin(), [2.0, 1.0]);
         found
     }
 
@@ -184,6 +205,26 @@ mod tests {
         assert_eq!(lengths_mm(&joined(fine(), vec![], seam(0.0, 200.0, 50.0, 90.0))), [80.0]);
         let table = vec![line(0.0, 200.0, WhyUnwelded::Table)];
         assert_eq!(lengths_mm(&joined(vec![], table, seam(0.0, 200.0, 0.0, 90.0))), [0.0; 0]);
+    }
+
+    #[test]
+    fn where_larger_voxels_see_the_table_nothing_is_welded() {
+        // The level face of these is the table; the faces of the third are upright.
+        let mut upright = seam(0.0, 80.0, 40.0, 90.0);
+        upright.stations.iter_mut().for_each(|station| station.faces[0] = Vector3::x());
+        let table = Support::of_face(Vector3::z(), &Point3::origin(), 1.0);
+        let larger = || Found { table: Some(table), ..Found::default() };
+        let mut found =
+            Found { seams: vec![seam(0.0, 80.0, 4.0, 90.0), upright.clone()], ..Found::default() };
+        found.join(larger(), &Point3::origin(), [2.0, 1.0]);
+        assert_eq!((lengths_mm(&found).len(), found.seams[0].id), (1, 1));
+        assert_eq!(found.unwelded[0].reason, WhyUnwelded::Table);
+        assert!(found.unwelded[0].words.contains("80 mm"), "{}", found.unwelded[0].words);
+        // Small voxels that show a table themselves know where it is.
+        let own = Some(Support::of_face(Vector3::z(), &Point3::new(0.0, 0.0, -50.0), 1.0));
+        let mut found = Found { seams: vec![seam(0.0, 80.0, 4.0, 90.0)], table: own, ..Found::default() };
+        found.join(larger(), &Point3::origin(), [2.0, 1.0]);
+        assert_eq!(lengths_mm(&found), [80.0]);
     }
 
     #[test]
