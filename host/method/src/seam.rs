@@ -99,9 +99,9 @@ pub struct Station {
 }
 
 impl Station {
-    /// Direction of the torch, out of the work: the bisector of the faces.
-    fn torch(&self) -> Vector3<f64> {
-        (self.faces[0] + self.faces[1]).try_normalize(1e-6).unwrap_or_else(Vector3::zeros)
+    /// Bisector of the faces, out of the work: where the torch points to. None of faces that look away from each other.
+    pub(crate) fn bisector(&self) -> Option<Vector3<f64>> {
+        (self.faces[0] + self.faces[1]).try_normalize(LEAST_BISECTOR)
     }
 }
 
@@ -271,6 +271,8 @@ impl Seam {
     }
 }
 
+/// Shorter sums of two unit normals have no direction.
+const LEAST_BISECTOR: f64 = 1e-6;
 /// What is left of a seam that is cut is one if it is as long as the shortest of a mesh, mm.
 const SHORTEST_MM: f64 = 6.0;
 /// A place nearer to a station than this is on the seam, mm: about the distance of stations.

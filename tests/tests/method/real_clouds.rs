@@ -1,6 +1,6 @@
 //! Clouds of others against what two readers see in them: how much of it is found, and how much that is offered is none of it.
 //!
-//! `tests/fixtures/real_clouds.json` says what there is to weld in each; two people judged it apart from each other and from
+//! `tests/fixtures/real_clouds.json` says what there is to weld in each; two readers judged it apart from each other and from
 //! weldpath. Ignored where `shared/data` does not lie beside the checkout.
 
 use std::path::Path;
@@ -9,7 +9,7 @@ use nalgebra::Point3;
 use serde::Deserialize;
 use weldpath_tests::shared_data;
 
-use crate::real_data::plan;
+use crate::real_data::{foot, plan};
 
 #[derive(Deserialize)]
 struct Readings {
@@ -40,25 +40,19 @@ const LEAST_FOUND_MM: f64 = 2350.0;
 const MOST_FALSE_MM: f64 = 1500.0;
 
 impl Weld {
-    fn distance_mm(&self, place: &Point3<f64>) -> f64 {
-        let pairs = self.line_mm.windows(2).map(|pair| [pair[0], pair[1]].map(Point3::from));
-        let to = |[a, b]: [Point3<f64>; 2]| {
-            let along = b - a;
-            let share = ((place - a).dot(&along) / along.norm_squared().max(1e-9)).clamp(0.0, 1.0);
-            (place - (a + along * share)).norm()
-        };
-        pairs.map(to).fold(f64::INFINITY, f64::min)
+    fn line_mm(&self) -> Vec<Point3<f64>> {
+        self.line_mm.iter().map(|place| Point3::from(*place)).collect()
     }
+}
 
-    /// Places along it, a millimetre apart.
-    fn places(&self) -> Vec<Point3<f64>> {
-        let pairs = self.line_mm.windows(2).map(|pair| [pair[0], pair[1]].map(Point3::from));
-        let along = |[a, b]: [Point3<f64>; 2]| {
-            let steps = (b - a).norm().ceil().max(1.0);
-            (0..steps as usize).map(move |k| a + (b - a) * ((k as f64 + 0.5) / steps))
-        };
-        pairs.flat_map(along).collect()
-    }
+/// Places along a line, a millimetre apart.
+fn places(line: &[Point3<f64>]) -> Vec<Point3<f64>> {
+    let along = |pair: &[Point3<f64>]| {
+        let (from, way) = (pair[0], pair[1] - pair[0]);
+        let steps = way.norm().ceil().max(1.0);
+        (0..steps as usize).map(move |k| from + way * ((k as f64 + 0.5) / steps))
+    };
+    line.windows(2).flat_map(along).collect()
 }
 
 #[test]
@@ -76,12 +70,13 @@ fn what_two_readers_see_in_clouds_of_others_is_found_as_far_as_it_was() {
             seams.iter().flat_map(|seam| &seam.stations).map(|station| station.position_mm).collect();
         let (mut found, mut seen) = (0, 0);
         for weld in welds.iter().filter(|weld| weld.sure) {
-            let places = weld.places();
+            let places = places(&weld.line_mm());
             let near = |p: &&Point3<f64>| stations.iter().any(|q| (*p - q).norm() < weld.tolerance_mm);
             (found, seen) = (found + places.iter().filter(near).count(), seen + places.len());
         }
         let is_none = |station: &Point3<f64>| {
-            welds.iter().all(|weld| weld.distance_mm(station) > weld.tolerance_mm + FALSE_MM)
+            let away_mm = |weld: &Weld| (station - foot(station, &weld.line_mm()).0).norm();
+            welds.iter().all(|weld| away_mm(weld) > weld.tolerance_mm + FALSE_MM)
         };
         let share =
             stations.iter().filter(|station| is_none(station)).count() as f64 / stations.len().max(1) as f64;

@@ -90,7 +90,7 @@ fn every_cloud_mesh_and_frame_has_seams_or_a_reason_for_none() {
 }
 
 /// Foot of `p` on a polyline, and whether it lies between the polyline's ends.
-fn foot(p: &Point3<f64>, line: &[Point3<f64>]) -> (Point3<f64>, bool) {
+pub(crate) fn foot(p: &Point3<f64>, line: &[Point3<f64>]) -> (Point3<f64>, bool) {
     let mut best = (Point3::origin(), false);
     let mut nearest = f64::INFINITY;
     for (k, pair) in line.windows(2).enumerate() {

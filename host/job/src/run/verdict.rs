@@ -417,10 +417,13 @@ pub(crate) fn tips_inside(paths: &[SeamPath], lines: &[SeamPath], model: &PointC
     };
     let mut found = Vec::new();
     for path in paths {
-        let line_mm = lines.iter().find(|line| line.seam == path.seam).map_or(0.0, deepest_mm);
-        let most_mm = MOST_INSIDE_MM + line_mm.min(MOST_ROUNDED_MM);
+        let rounded_mm = || {
+            let line = lines.iter().find(|line| line.seam == path.seam);
+            line.map_or(0.0, deepest_mm).min(MOST_ROUNDED_MM)
+        };
         let deepest_mm = deepest_mm(path);
-        if deepest_mm > most_mm && found.iter().all(|one: &Finding| one.seam != Some(path.seam)) {
+        let is_inside = deepest_mm > MOST_INSIDE_MM && deepest_mm > MOST_INSIDE_MM + rounded_mm();
+        if is_inside && found.iter().all(|one: &Finding| one.seam != Some(path.seam)) {
             let words =
                 format!("the tip would be {deepest_mm:.1} mm inside what was scanned: check the stand-off");
             let finding = Finding::of_seam(ReasonId::TipInside, path.seam, words);

@@ -118,20 +118,24 @@ impl Scene {
     ) {
         let ScaleResult { model, found, .. } = result;
         let (voxels, cloud) = model.scene();
-        let (rejected, unwelded) = (&found.warnings[..], &found.unwelded[..]);
+        let of_work = Evidence {
+            merged,
+            raw,
+            voxels,
+            model: cloud,
+            index: &model.index,
+            intensity: &found.intensity,
+            rejected: &found.warnings,
+            unwelded: &found.unwelded,
+        };
         if self.parts.is_none() {
-            let (index, intensity) = (&model.index, &found.intensity[..]);
-            let model = cloud;
-            observer.evidence(&Evidence { merged, raw, voxels, model, index, intensity, rejected, unwelded });
-            return;
+            return observer.evidence(&of_work);
         }
         let raw = &Grid::new(&merged.points_mm, RAW_CELL_MM);
         let index = &Grid::new(&cloud.points_mm, model.index.cell_mm());
         let mut intensity = found.intensity.clone();
         intensity.resize(cloud.len(), 0.0);
-        let intensity = &intensity[..];
-        let model = cloud;
-        observer.evidence(&Evidence { merged, raw, voxels, model, index, intensity, rejected, unwelded });
+        observer.evidence(&Evidence { raw, index, intensity: &intensity, ..of_work });
     }
 
     /// Why there is no seam, with what was left out.

@@ -22,8 +22,7 @@ use std::sync::Arc;
 
 // All chosen on the simulated scans and on scans of other people.
 
-/// Seams shorter than this, in voxels, ask for larger ones, and so do corners that are not sure enough to be seams, together; what
-/// larger ones show instead of all must be clearly more, by this factor.
+/// Seams shorter than this, in voxels, ask for larger ones, and so do corners that are not sure enough to be seams, together.
 const WEAK_VOXELS: f64 = 22.0;
 /// The smaller of the larger voxels, in multiples of the first, and the largest, which still resolves thick plates, mm.
 const COARSER: f32 = 1.8;
@@ -136,8 +135,11 @@ impl ScaleSearch<'_> {
     /// Looks at corners that are not sure in larger voxels, too. What one view alone shows of them is no better there: its ripples and
     /// the curl of its silhouettes become faces.
     pub(super) fn look_again(&self, result: &mut ScaleResult, stages: &mut Stages) -> Result<(), PlanError> {
+        if !self.raw_scan().is_seen_from_several() {
+            return Ok(());
+        }
         for scale in &coarser(&result.scale) {
-            if !self.raw_scan().is_seen_from_several() || !result.is_unsure() {
+            if !result.is_unsure() {
                 break;
             }
             // An edge is as sharp in small voxels: larger ones have corners to add.

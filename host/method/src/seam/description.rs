@@ -135,15 +135,6 @@ pub(super) fn is_sure_if_asked(seam: &Seam) -> bool {
         && seam.fit_error.torch_deg <= MOST_ERROR_DEG
 }
 
-/// What is said of a seam beside which the surface turns on.
-pub(super) fn rounded(seam: &Seam) -> String {
-    format!(
-        "{} is the edge of a rounding: the surface beside it turns on, and the corner that is rounded is not seen well enough to fit \
-         a seam to it: scan it again from nearer",
-        seam.as_inside_corner()
-    )
-}
-
 /// What is said of a seam that is not.
 pub(super) fn left_out(seam: &Seam) -> String {
     if seam.length_mm() < LEAST_LENGTH_MM {

@@ -3,7 +3,7 @@
 //! Scores tell the candidates, two faces are fitted about each, and the corners in which they meet are strung together;
 //! each chain is refined on the raw points and measured. Where that finds nothing, other cues are tried if asked for.
 
-use super::description::{Identity, described, is_sure, left_out, rounded};
+use super::description::{Identity, described, is_sure, left_out};
 use super::implied;
 use super::input::Input;
 use super::measure::dimension::Quantity;
@@ -92,7 +92,7 @@ pub fn find(input: &Input, config: &SeamConfig) -> Found {
     }
     let warnings = unsure.iter().map(left_out).collect();
     let unsure_lines = unsure.iter().map(|seam| Unwelded::of(seam, WhyUnwelded::Unsure, left_out(seam)));
-    let ramps = ramps.iter().map(|seam| Unwelded::of(seam, WhyUnwelded::Rounded, rounded(seam)));
+    let ramps = ramps.iter().map(|seam| Unwelded::of(seam, WhyUnwelded::Rounded, String::new()));
     let lines = unsure_lines.chain(ramps).chain(corners.unwelded(input, &config.trace)).collect();
     let implied = implied::joints(input.faces(), v, table.as_ref(), &input.scan.merged.origin_mm);
     let waves_mm = if seams.is_empty() { 0.0 } else { input.waves().height_mm };

@@ -4,6 +4,7 @@
 //! a ramp between the faces, or nothing that lasts. A larger one reaches beyond it. So larger voxels look at the corners that small
 //! ones see, and have the say where they see one clearly longer, or sharper.
 
+use super::refine::frame::Frame;
 use super::trace::support::Support;
 use super::{Found, Seam, Station, Unwelded, WhyUnwelded, ordering};
 use nalgebra::Point3;
@@ -80,8 +81,8 @@ impl Found {
     /// Takes for contacts with this table the seams of which it is a face; `origin_mm` is that of the scan.
     fn rest(&mut self, table: &Support, origin_mm: &Point3<f64>) {
         let is_on = |station: &&Station| {
-            let place = Point3::from((station.position_mm - origin_mm).cast::<f32>());
-            station.faces.iter().any(|face| table.is_face(&face.cast(), &place))
+            let frame = Frame::of(station, origin_mm);
+            frame.faces.iter().any(|face| table.is_face(face, &frame.position))
         };
         let rests = |seam: &mut Seam| 2 * seam.stations.iter().filter(is_on).count() > seam.stations.len();
         for seam in self.seams.extract_if(.., rests) {
@@ -136,10 +137,11 @@ impl Seam {
 
     /// Whether a station of another seam is in its corner.
     fn holds(&self, other: &Station, near_mm: f64) -> bool {
+        let Some(torch) = other.bisector() else { return false };
         self.stations.iter().any(|station| {
             (station.position_mm - other.position_mm).norm() < near_mm
                 && station.tangent.dot(&other.tangent).abs() > ALONG
-                && station.torch().dot(&other.torch()) > ONE_TORCH
+                && station.bisector().is_some_and(|own| own.dot(&torch) > ONE_TORCH)
         })
     }
 

@@ -52,7 +52,10 @@ impl Unwelded {
                 "is where two faces would meet, but the corner itself was hardly seen: scan it again from nearer, or from \
                  where both faces show"
             }
-            WhyUnwelded::Rounded => "is the edge of a rounding: scan it again from nearer",
+            WhyUnwelded::Rounded => {
+                "is the edge of a rounding: the surface beside it turns on, and the corner that is rounded is not seen well enough to \
+                 fit a seam to it: scan it again from nearer"
+            }
             _ => {
                 "is seen too thinly, or too blurred, to fit a seam to it: scan it again from nearer, or from more sides"
             }

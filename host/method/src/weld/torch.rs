@@ -29,8 +29,7 @@ impl SeamPath {
 }
 
 fn orientation(station: &Station) -> Option<UnitQuaternion<f64>> {
-    let bisector = (station.faces[0] + station.faces[1]).try_normalize(1e-6)?;
-    let normal = Direction::new_unchecked(bisector.cast::<f32>());
+    let normal = Direction::new_unchecked(station.bisector()?.cast::<f32>());
     let travel: Vector3<f32> = station.tangent.cast();
     let q = torch::orientation(normal, &travel).ok()?;
     let wide = q.into_inner().coords.cast::<f64>();

@@ -6,8 +6,9 @@
 
 use crate::geometry::statistics::median;
 use crate::seam::input::SurfaceModel;
+use crate::seam::refine::frame::Frame;
 use crate::seam::{Seam, Station};
-use nalgebra::{Point3, Vector3};
+use std::f32::consts::PI;
 
 /// How far from the seam the surface is looked at, mm: a matcher's window of 15 mm makes a ramp of 11.
 const BEYOND_MM: [f32; 2] = [12.0, 20.0];
@@ -19,7 +20,7 @@ const LEAST_RISE_RAD: f32 = 0.17;
 /// A face that goes on as it is stands no higher over itself, rad: what waves and a fit's lean explain.
 const MOST_FLAT_RAD: f32 = 0.07;
 /// What stands higher than this share of the angle between the faces is of the other.
-const OF_OTHER: f64 = 0.75;
+const OF_OTHER: f32 = 0.75;
 /// Points that say so, and share of the stations that have some.
 const LEAST_POINTS: usize = 20;
 const LEAST_SHARE: f32 = 0.5;
@@ -31,37 +32,52 @@ pub fn is_ramp(seam: &Seam, model: &SurfaceModel) -> bool {
     if seam.included_deg() < LEAST_DEG {
         return false;
     }
-    let [one, other] = [0, 1].map(|k| rise_rad(seam, k, model).unwrap_or(0.0));
+    let [one, other] = rises_rad(seam, model).map(|rise_rad| rise_rad.unwrap_or(0.0));
     one.max(other) > LEAST_RISE_RAD && one.min(other) < MOST_FLAT_RAD
 }
 
-/// How high over a face the surface stands beyond it, the median; none where little is seen of it.
-fn rise_rad(seam: &Seam, k: usize, model: &SurfaceModel) -> Option<f32> {
-    let (mut rises, mut shown) = (Vec::new(), 0);
+/// How high over each face the surface stands beyond it, the median; none where little is seen of it.
+fn rises_rad(seam: &Seam, model: &SurfaceModel) -> [Option<f32>; 2] {
+    let mut faces = [(); 2].map(|()| Beyond::default());
     for station in &seam.stations {
-        let before = rises.len();
-        section(station, k, model, &mut rises);
-        shown += usize::from(rises.len() > before);
+        let before = faces.each_ref().map(|face| face.rises_rad.len());
+        section(station, model, |k, rise_rad| faces[k].rises_rad.push(rise_rad));
+        for (face, before) in faces.iter_mut().zip(before) {
+            face.shown += usize::from(face.rises_rad.len() > before);
+        }
     }
-    let is_shown = shown as f32 > LEAST_SHARE * seam.stations.len() as f32 && rises.len() >= LEAST_POINTS;
-    is_shown.then(|| median(&mut rises))
+    let least_shown = LEAST_SHARE * seam.stations.len() as f32;
+    faces.map(|Beyond { mut rises_rad, shown }| {
+        let is_shown = shown as f32 > least_shown && rises_rad.len() >= LEAST_POINTS;
+        is_shown.then(|| median(&mut rises_rad))
+    })
 }
 
-/// Angles over the face, seen from the seam, of the points beyond what a ramp may be wide, rad.
-fn section(station: &Station, k: usize, model: &SurfaceModel, rises: &mut Vec<f32>) {
-    let [face, other] = [station.faces[k], station.faces[1 - k]].map(|n| n.cast::<f32>());
-    let Some(away) = (other - face * face.dot(&other)).try_normalize(1e-3) else { return };
-    let tangent: Vector3<f32> = station.tangent.cast();
-    let at = Point3::from((station.position_mm - model.cloud.origin_mm).cast::<f32>());
+/// What is seen beyond one face.
+#[derive(Default)]
+struct Beyond {
+    rises_rad: Vec<f32>,
+    /// Stations that show some of it.
+    shown: usize,
+}
+
+/// Angles over each face, seen from the seam, of the points beyond what a ramp may be wide, rad.
+fn section(station: &Station, model: &SurfaceModel, mut rises: impl FnMut(usize, f32)) {
+    let frame = Frame::of(station, &model.cloud.origin_mm);
+    let inward = frame.faces_inward();
     let [from_mm, to_mm] = BEYOND_MM;
     let most_mm = SECTION_VOXELS * model.voxel_mm();
-    let most_rad = OF_OTHER * (std::f64::consts::PI - station.faces[0].angle(&station.faces[1]));
-    model.index.within(&at, to_mm, |slot, squared_mm2| {
-        let p = model.index.point(slot) - at;
-        let angle_rad = p.dot(&face).atan2(p.dot(&away));
-        let is_there = squared_mm2 > from_mm * from_mm && p.dot(&tangent).abs() < most_mm;
-        if is_there && (-most_rad..most_rad).contains(&f64::from(angle_rad)) {
-            rises.push(angle_rad);
+    let most_rad = OF_OTHER * (PI - frame.faces[0].angle(&frame.faces[1]));
+    model.index.within(&frame.position, to_mm, |slot, squared_mm2| {
+        let p = model.index.point(slot) - frame.position;
+        if squared_mm2 < from_mm * from_mm || p.dot(&frame.tangent).abs() > most_mm {
+            return;
+        }
+        for (k, (face, inward)) in frame.faces.iter().zip(&inward).enumerate() {
+            let rise_rad = p.dot(face).atan2(p.dot(inward));
+            if rise_rad.abs() < most_rad {
+                rises(k, rise_rad);
+            }
         }
     });
 }
@@ -72,6 +88,7 @@ mod tests {
     use crate::geometry::cloud::PointCloud;
     use crate::geometry::grid::Grid;
     use crate::model::downsampling::Voxels;
+    use nalgebra::{Point3, Vector3};
 
     /// Whether the corner at the origin of a profile of (y, z), which goes along x, is a ramp, between faces with these normals.
     fn is_ramp_of(profile: &[[f32; 2]], faces: [[f64; 2]; 2]) -> bool {
