@@ -28,6 +28,7 @@ pub(crate) mod joined;
 pub mod measure;
 mod ordering;
 pub mod refine;
+mod rounded;
 pub mod score;
 mod surfaces;
 pub mod trace;

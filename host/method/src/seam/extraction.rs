@@ -7,9 +7,10 @@ use super::description::{Identity, described, is_sure, left_out};
 use super::implied;
 use super::input::Input;
 use super::measure::dimension::Quantity;
-use super::measure::{fitup, grip, joint, ramp, resting};
+use super::measure::{fitup, grip, joint, resting};
 use super::ordering::{mark_branches, order};
 use super::refine::{RefineConfig, Refined, bend, expected, layers, overlap, rounds};
+use super::rounded;
 use super::score::edges;
 use super::trace::chain::{self, TraceConfig, Traced};
 use super::trace::corner::{self, CornerConfig};
@@ -66,9 +67,10 @@ pub fn find(input: &Input, config: &SeamConfig) -> Found {
     });
     let found = corner_seams(input, &corners, config);
     let most_error_mm = if input.cues.blurred { BLURRED_ERROR_VOXELS * f64::from(v) } else { f64::INFINITY };
-    let Judged { mut seams, mut unsure, ramps } = Judged::of(found, input, most_error_mm);
+    let joints = implied::joints(input.faces(), v, table.as_ref());
+    let Judged { mut seams, mut unsure, rounded } = Judged::of(found, input, most_error_mm, &joints, config);
     let is_lap = |seam: &Seam| seam.joint == Joint::Lap;
-    if input.cues.steps && ((seams.is_empty() && ramps.is_empty()) || seams.iter().any(is_lap)) {
+    if input.cues.steps && ((seams.is_empty() && rounded.is_empty()) || seams.iter().any(is_lap)) {
         let mut steps = step_seams(input, table.as_ref(), config);
         if !seams.is_empty() {
             steps.retain(|step| {
@@ -92,9 +94,8 @@ pub fn find(input: &Input, config: &SeamConfig) -> Found {
     }
     let warnings = unsure.iter().map(left_out).collect();
     let unsure_lines = unsure.iter().map(|seam| Unwelded::of(seam, WhyUnwelded::Unsure, left_out(seam)));
-    let ramps = ramps.iter().map(|seam| Unwelded::of(seam, WhyUnwelded::Rounded, String::new()));
-    let lines = unsure_lines.chain(ramps).chain(corners.unwelded(input, &config.trace)).collect();
-    let implied = implied::joints(input.faces(), v, table.as_ref(), &input.scan.merged.origin_mm);
+    let lines = unsure_lines.chain(rounded).chain(corners.unwelded(input, &config.trace)).collect();
+    let implied = joints.iter().map(|joint| joint.unwelded(&input.scan.merged.origin_mm)).collect();
     let waves_mm = if seams.is_empty() { 0.0 } else { input.waves().height_mm };
     let unwelded = unwelded::told(lines, implied, &seams, f64::from(v));
     let reason = unsure.first().map(left_out);
@@ -120,25 +121,40 @@ struct Judged {
     seams: Vec<Seam>,
     /// Too uncertain.
     unsure: Vec<Seam>,
-    /// Edges of roundings.
-    ramps: Vec<Seam>,
+    /// Joints that are rounded and not seen well enough to be seams.
+    rounded: Vec<Unwelded>,
 }
 
 impl Judged {
     /// Of seams, and whether one view alone saw a face of them.
-    fn of(found: Vec<(Seam, bool)>, input: &Input, most_error_mm: f64) -> Self {
+    fn of(
+        found: Vec<(Seam, bool)>,
+        input: &Input,
+        most_error_mm: f64,
+        joints: &[implied::Joint],
+        config: &SeamConfig,
+    ) -> Self {
         let mut judged = Self::default();
+        let mut edges = Vec::new();
         for (seam, is_seen_alone) in found {
             let is_sure =
                 is_sure(&input.scan, &seam, is_seen_alone) && seam.fit_error.position_mm < most_error_mm;
-            let kind = match is_sure {
-                false => &mut judged.unsure,
-                true if input.scan.is_seen_from_several() && ramp::is_ramp(&seam, &input.model) => {
-                    &mut judged.ramps
+            match rounded::joint_of(&seam, joints, input) {
+                _ if !is_sure => judged.unsure.push(seam),
+                Some(joint) => edges.push((joint, seam)),
+                None => judged.seams.push(seam),
+            }
+        }
+        edges.sort_by_key(|(joint, _)| *joint);
+        for edges in edges.chunk_by(|a, b| a.0 == b.0) {
+            let seams: Vec<&Seam> = edges.iter().map(|(_, seam)| seam).collect();
+            match rounded::seam_in(&joints[edges[0].0], &seams, input, config) {
+                Ok(seam) => {
+                    let free = rounded::free_of(&judged.seams, &seam, input);
+                    judged.seams.extend(free);
                 }
-                true => &mut judged.seams,
-            };
-            kind.push(seam);
+                Err(line) => judged.rounded.push(line),
+            }
         }
         judged
     }

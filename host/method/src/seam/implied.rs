@@ -2,11 +2,17 @@
 //! hardly seen. A camera loses the foot of a web to grazing sight, to the light between the faces or to its matcher's window,
 //! and no neighbourhood holds both faces then; the faces themselves are known better than any of their points.
 //!
-//! Nothing is welded by this: where such a joint may be is named.
+//! Where corners show that are too wide for the faces about them, they are the edges of what a camera has rounded, and the seam is
+//! sought in the joint. All other joints are named.
 
+use super::input::SurfaceModel;
+use super::joined::{ALONG, ONE_TORCH, SHARPER_DEG};
 use super::surfaces::Face;
 use super::trace::support::Support;
+use super::trace::{Chain, ChainLink};
 use super::unwelded::{Unwelded, WhyUnwelded};
+use super::{Seam, Station};
+use crate::geometry::statistics::median;
 use nalgebra::{Point3, Vector3};
 
 /// Faces meet at 30 to 150 degrees through the air; flatter ones are bends, and sharper ones let no torch in.
@@ -22,35 +28,106 @@ const BRIDGED: usize = 2;
 const THROUGH: f32 = 0.5;
 /// Fewer points of a face at a place of the joint do not show it; whole, there are ten.
 const SHOWN: u32 = 4;
+/// From a joint that a camera rounded the surface stays so far at most, mm: over a matcher's window of 15 mm a right angle, seen from
+/// its middle, is 3.75 mm deep in the mean. From one that is rolled or bent it stays farther.
+pub(super) const MOST_ROUNDED_MM: f64 = 4.0;
 
-/// Joints of the faces of a model, the longest first; `origin_mm` is where their coordinates begin.
-pub(super) fn joints(
-    faces: &[Face],
-    voxel_mm: f32,
-    table: Option<&Support>,
-    origin_mm: &Point3<f64>,
-) -> Vec<Unwelded> {
-    let mut lines = Vec::new();
+/// An inside corner that two faces imply.
+pub(super) struct Joint {
+    /// Places along it, about the origin of the scan.
+    places_mm: Vec<Point3<f32>>,
+    along: Vector3<f32>,
+    faces: [Vector3<f32>; 2],
+    on_table: bool,
+}
+
+/// Joints of the faces of a model, the longest first.
+pub(super) fn joints(faces: &[Face], voxel_mm: f32, table: Option<&Support>) -> Vec<Joint> {
+    let mut joints = Vec::new();
     for (k, one) in faces.iter().enumerate() {
         for other in &faces[k + 1..] {
-            for line in met(one, other, voxel_mm) {
-                let middle = line[line.len() / 2];
-                let on_table = table
-                    .is_some_and(|t| t.is_face(&one.normal, &middle) || t.is_face(&other.normal, &middle));
-                let reason = if on_table { WhyUnwelded::Table } else { WhyUnwelded::Implied };
-                let line_mm = line.iter().map(|p| origin_mm + p.coords.cast::<f64>()).collect();
-                lines.push(Unwelded { line_mm, reason, words: String::new() });
+            let faces = [one.normal, other.normal];
+            let along = faces[0].cross(&faces[1]).normalize();
+            for places_mm in met(one, other, voxel_mm) {
+                let middle = places_mm[places_mm.len() / 2];
+                let is_table = |t: &Support| faces.iter().any(|normal| t.is_face(normal, &middle));
+                joints.push(Joint { on_table: table.is_some_and(is_table), places_mm, along, faces });
             }
         }
     }
-    lines.sort_by(|a, b| b.length_mm().total_cmp(&a.length_mm()));
-    lines
+    joints.sort_by_key(|joint| std::cmp::Reverse(joint.places_mm.len()));
+    joints
+}
+
+impl Joint {
+    /// As a corner that is not welded; `origin_mm` is that of the scan.
+    pub(super) fn unwelded(&self, origin_mm: &Point3<f64>) -> Unwelded {
+        let reason = if self.on_table { WhyUnwelded::Table } else { WhyUnwelded::Implied };
+        let line_mm = self.places_mm.iter().map(|p| origin_mm + p.coords.cast::<f64>()).collect();
+        Unwelded { line_mm, reason, words: String::new() }
+    }
+
+    /// Whether a seam that runs beside it is wider: it runs along the rounding. A neighbourhood that is smaller than a rounding sees two
+    /// wider corners in it, each between a face and a ramp.
+    pub(super) fn is_sharper_than(&self, seam: &Seam) -> bool {
+        seam.included_deg() - self.included_deg() > SHARPER_DEG
+    }
+
+    /// The part of it beside some seams as a chain of corners, and how far from it they run, mm; `origin_mm` is that of the scan.
+    pub(super) fn beside(&self, seams: &[&Seam], voxel_mm: f32, origin_mm: &Point3<f64>) -> (Chain, f32) {
+        let stations = seams.iter().flat_map(|seam| &seam.stations);
+        let stations: Vec<_> = stations.map(|station| about(station, origin_mm)).collect();
+        let off_mm = |p: &Point3<f32>| stations.iter().map(|q| (q - p).norm()).fold(f32::INFINITY, f32::min);
+        let beside = self.places_mm.iter().map(|p| (p, off_mm(p))).filter(|(_, off)| *off < gap_mm(voxel_mm));
+        let link = |p: &Point3<f32>| ChainLink { position: *p, direction: self.along, faces: self.faces };
+        let (links, mut off_mm): (Vec<_>, Vec<_>) = beside.map(|(p, off_mm)| (link(p), off_mm)).unzip();
+        (Chain { links, ..Chain::default() }, median(&mut off_mm))
+    }
+
+    /// How far from it what is seen between its faces stays, the median of its places, mm.
+    pub(super) fn rounding_mm(&self, model: &SurfaceModel) -> f64 {
+        let off_mm = |place: &Point3<f32>| {
+            let is_between = |slot: usize| {
+                let p = model.index.point(slot) - place;
+                let [a, b] = self.faces.map(|face| p.dot(&face));
+                a.min(b) > 0.5 * a.max(b)
+            };
+            let (_, squared_mm2) = model.index.nearest(place, gap_mm(model.voxel_mm()), is_between)?;
+            Some(squared_mm2.sqrt())
+        };
+        f64::from(median(&mut self.places_mm.iter().filter_map(off_mm).collect::<Vec<_>>()))
+    }
+
+    /// Whether most of a seam runs in it or beside it.
+    pub(super) fn is_beside(&self, seam: &Seam, voxel_mm: f32, origin_mm: &Point3<f64>) -> bool {
+        let along = self.along.cast::<f64>();
+        let torch = (self.faces[0] + self.faces[1]).cast::<f64>().normalize();
+        let is_beside = |station: &&Station| {
+            let place = about(station, origin_mm);
+            station.tangent.dot(&along).abs() > ALONG
+                && station.bisector().is_some_and(|own| own.dot(&torch) > ONE_TORCH)
+                && self.places_mm.iter().any(|p| (p - place).norm() < gap_mm(voxel_mm))
+        };
+        2 * seam.stations.iter().filter(is_beside).count() > seam.stations.len()
+    }
+
+    fn included_deg(&self) -> f64 {
+        180.0 - f64::from(self.faces[0].angle(&self.faces[1]).to_degrees())
+    }
+}
+
+fn about(station: &Station, origin_mm: &Point3<f64>) -> Point3<f32> {
+    Point3::from((station.position_mm - origin_mm).cast::<f32>())
+}
+
+pub(super) fn gap_mm(voxel_mm: f32) -> f32 {
+    GAP_MM.max(GAP_VOXELS * voxel_mm)
 }
 
 /// Where two faces would meet in an inside corner: places along it, a run for each joint.
 fn met(one: &Face, other: &Face, voxel_mm: f32) -> Vec<Vec<Point3<f32>>> {
     let alike = one.normal.dot(&other.normal);
-    let gap_mm = GAP_MM.max(GAP_VOXELS * voxel_mm);
+    let gap_mm = gap_mm(voxel_mm);
     if alike.abs() > MOST_ALIKE || one.apart_mm(other) > 2.0 * gap_mm {
         return Vec::new();
     }
@@ -163,7 +240,7 @@ mod tests {
     }
 
     fn joints_of(rows: Vec<(Point3<f32>, Vector3<f32>)>) -> Vec<Unwelded> {
-        joints(&surfaces(rows).0, 1.0, None, &Point3::origin())
+        joints(&surfaces(rows).0, 1.0, None).iter().map(|joint| joint.unwelded(&Point3::origin())).collect()
     }
 
     #[test]
@@ -175,6 +252,42 @@ mod tests {
             assert!(found[0].line_mm.iter().all(|p| (p.y - 30.0).abs() < 0.1 && p.z.abs() < 0.1));
         }
         assert!(joints_of(web(16, 0.0)).is_empty(), "too far apart to tell");
+    }
+
+    /// A plate, a ramp that rises by 45 degrees from 7 mm before a wall on, and the wall.
+    fn rounded() -> Vec<(Point3<f32>, Vector3<f32>)> {
+        let along = |x: i32| x as f32;
+        let plate =
+            (-40..=40).flat_map(move |x| (37..=80).map(move |y| Point3::new(along(x), y as f32, 0.0)));
+        let wall = (-40..=40).flat_map(move |x| (7..=50).map(move |z| Point3::new(along(x), 30.0, z as f32)));
+        let ramp = (-40..=40)
+            .flat_map(move |x| (1..7).map(move |k| Point3::new(along(x), (37 - k) as f32, k as f32)));
+        let facing = |y: f32, z: f32| Vector3::new(0.0, y, z).normalize();
+        let plate = plate.map(|p| (p, Vector3::z())).chain(wall.map(|p| (p, Vector3::y())));
+        plate.chain(ramp.map(|p| (p, facing(1.0, 1.0)))).collect()
+    }
+
+    /// A seam along x through a place, between faces with these normals in y and z.
+    fn seam([y, z]: [f64; 2], faces: [[f64; 2]; 2]) -> Seam {
+        let faces = faces.map(|[y, z]| Vector3::new(0.0, y, z).normalize());
+        let place = |k: i32| Point3::new(-38.0 + 2.0 * f64::from(k), y, z);
+        let station = |k| Station { position_mm: place(k), tangent: Vector3::x(), faces };
+        Seam::through((0..38).map(station).collect())
+    }
+
+    #[test]
+    fn an_edge_of_a_rounding_runs_beside_a_sharper_joint_and_the_joint_keeps_off_the_surface() {
+        let joints = joints(&surfaces(rounded()).0, 1.0, None);
+        let joint =
+            joints.iter().min_by(|a, b| a.included_deg().total_cmp(&b.included_deg())).expect("a joint");
+        let runs_in_rounding =
+            |seam: &Seam| joint.is_beside(seam, 1.0, &Point3::origin()) && joint.is_sharper_than(seam);
+        let level_and_slope = [[0.0, 1.0], [1.0, 1.0]];
+        assert!(runs_in_rounding(&seam([37.0, 0.0], level_and_slope)));
+        assert!(!runs_in_rounding(&seam([30.0, 0.0], [[0.0, 1.0], [1.0, 0.0]])), "the joint itself");
+        assert!(!runs_in_rounding(&seam([60.0, 0.0], level_and_slope)), "another place");
+        let (chain, off_mm) = joint.beside(&[&seam([37.0, 0.0], level_and_slope)], 1.0, &Point3::origin());
+        assert!((off_mm - 7.0).abs() < 0.5 && chain.length_mm() > 70.0, "{off_mm} mm");
     }
 
     #[test]

@@ -13,12 +13,12 @@ use nalgebra::Point3;
 /// as far from the corner.
 const NEAR_VOXELS: f64 = 3.0;
 /// Cosine of tangents that run alike, and of torches in one corner: a web has another on its other side.
-const ALONG: f64 = 0.8;
-const ONE_TORCH: f64 = 0.5;
+pub(super) const ALONG: f64 = 0.8;
+pub(super) const ONE_TORCH: f64 = 0.5;
 /// What is clearly longer is so by this factor.
 pub(crate) const CLEARLY: f64 = 1.5;
 /// What is sharper is so by this angle through the air, degrees: what a face may turn from one link of a chain to the next.
-const SHARPER_DEG: f64 = 20.0;
+pub(super) const SHARPER_DEG: f64 = 20.0;
 /// Included angle up to which larger voxels have seams to add, degrees: what is wider may be the edge of a rounding that is wider
 /// than they are.
 const WIDE_DEG: f64 = 115.0;
@@ -136,7 +136,7 @@ impl Seam {
     }
 
     /// Whether a station of another seam is in its corner.
-    fn holds(&self, other: &Station, near_mm: f64) -> bool {
+    pub(super) fn holds(&self, other: &Station, near_mm: f64) -> bool {
         let Some(torch) = other.bisector() else { return false };
         self.stations.iter().any(|station| {
             (station.position_mm - other.position_mm).norm() < near_mm

@@ -5,5 +5,4 @@ pub mod dimension;
 pub mod fitup;
 pub mod grip;
 pub mod joint;
-pub mod ramp;
 pub mod resting;

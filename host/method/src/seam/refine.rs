@@ -40,6 +40,8 @@ pub struct RefineConfig {
     pub root: f32,
     /// The same where the faces meet at less than [`ACUTE_DEG`]: there is a gap, or a root face.
     pub acute_root: f32,
+    /// What is left out more because it is rounded, and looked at more beyond it.
+    pub rounded: f32,
     /// Farthest from the seam that points are used.
     pub reach: f32,
     /// The same on curved faces.
@@ -57,6 +59,7 @@ impl Default for RefineConfig {
             half: 8.3,
             root: 0.85,
             acute_root: 1.85,
+            rounded: 0.0,
             reach: 11.7,
             curved_reach: 8.3,
             gap: 6.7,

@@ -16,7 +16,7 @@ pub enum WhyUnwelded {
     Unsure,
     /// Nobody knows which side of its faces is air.
     UnknownSide,
-    /// It is the edge of a rounding, and what is rounded is not seen well enough.
+    /// It is rounded, and its faces are not seen well enough beyond the rounding.
     Rounded,
     /// Its faces would meet there if they went on: the corner itself was hardly seen.
     Implied,
@@ -53,8 +53,8 @@ impl Unwelded {
                  where both faces show"
             }
             WhyUnwelded::Rounded => {
-                "is the edge of a rounding: the surface beside it turns on, and the corner that is rounded is not seen well enough to \
-                 fit a seam to it: scan it again from nearer"
+                "is rounded, in the scan or in the work, and too little is seen of its faces beyond the rounding to fit a seam to it: \
+                 scan it again from nearer"
             }
             _ => {
                 "is seen too thinly, or too blurred, to fit a seam to it: scan it again from nearer, or from more sides"

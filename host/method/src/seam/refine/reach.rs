@@ -193,6 +193,12 @@ fn by_strip(points: &[Beside], strip: f32, count: usize) -> Vec<Vec<f32>> {
     heights
 }
 
+/// Height at the root of the line through points `(u, h)`, mm; none of too few.
+pub(super) fn at_root_mm(points: &[(f64, f64)]) -> Option<f64> {
+    let (line, _) = (points.len() >= LEAST_POINTS).then(|| Parabola::bisquare(points, false))??;
+    Some(line.height(0.0))
+}
+
 /// Height of a face over the distance from the seam, and the noise of its points.
 struct Parabola {
     /// Coefficients of `1, u, u²`.

@@ -52,6 +52,8 @@ const ON_FACE_DEVIATIONS: f64 = 4.0;
 const WALL_FROM: f32 = 2.5;
 const WALL_TO: f32 = 7.0;
 const WALL_SHARE: f64 = 0.25;
+/// Points of a face that tell whether it is even.
+const SAMPLE: usize = 5000;
 /// Stations inward of those that were put to an end among which a wall may be.
 const WALL_ZONE: usize = 2;
 
@@ -95,12 +97,12 @@ impl Gates {
         let acute = opening_deg < ACUTE_DEG;
         let shrunk = (GATE_VOXELS - GATE_SHRINKS_VOXELS * round as f32).max(LEAST_GATE_VOXELS);
         let height_mm = voxel_mm * shrunk;
-        let from_mm = voxel_mm * if acute { config.acute_root } else { config.root };
+        let from_mm = voxel_mm * (config.rounded + if acute { config.acute_root } else { config.root });
         let reach = Reach {
             from_mm,
             begins_mm: from_mm,
-            inner_mm: INNER_VOXELS * voxel_mm,
-            most_mm: config.reach * voxel_mm,
+            inner_mm: (INNER_VOXELS + config.rounded) * voxel_mm,
+            most_mm: (config.reach + config.rounded) * voxel_mm,
             // Where it is not known what hides what, a face may end anywhere.
             is_side: cameras_known && (ACUTE_DEG..180.0 - ACUTE_DEG).contains(&opening_deg),
         };
@@ -207,8 +209,15 @@ impl FaceSections {
         for face in 0..2 {
             sections.find_bend(path, face, &gates);
         }
+        if gates.by_camera && round + 1 == config.rounds {
+            for face in 0..2 {
+                let unknown = &mut sections.lift_unknown_mm[face];
+                *unknown =
+                    unknown.hypot(uneven_mm(&sections.windows.points[face], &sections.bend[face], path));
+            }
+        }
         if sections.bend.iter().flatten().any(|b| b.abs() > CURVED) {
-            let limit = config.curved_reach * voxel_mm;
+            let limit = (config.curved_reach + config.rounded) * voxel_mm;
             sections.windows.points.iter_mut().for_each(|points| points.retain(|p| p.u < limit));
         }
         sections
@@ -295,6 +304,23 @@ impl FaceSections {
         let last = (n - zone..n).find(|&k| is_wall(k)).unwrap_or(n - 1);
         first..last + 1
     }
+}
+
+/// How far apart the near half of a face and all of it put the face at the root, mm: a plane's agree, whatever rounds a corner lifts
+/// what is near it.
+fn uneven_mm(points: &[Beside], bend: &[f64], path: &Path) -> f64 {
+    let last = bend.len() - 1;
+    let step = points.len() / SAMPLE + 1;
+    let flat = points.iter().step_by(step).map(|p| {
+        let station = ((p.s / path.step_mm).round().max(0.0) as usize).min(last);
+        let u = f64::from(p.u);
+        (u, f64::from(p.h) - bend[station] * u * u)
+    });
+    let mut flat: Vec<(f64, f64)> = flat.collect();
+    flat.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+    let near = &flat[..flat.len() / 2];
+    let [Some(all), Some(near)] = [reach::at_root_mm(&flat), reach::at_root_mm(near)] else { return 0.0 };
+    (near - all).abs()
 }
 
 /// Where points stand in the air between the faces, along the seam, sorted, mm.

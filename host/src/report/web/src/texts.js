@@ -115,7 +115,7 @@ export const TEXTS = /* @__PURE__ */ texts("TEXTS", {
   unweldedOf: (mm, why) => `${mm} mm: ${why}`,
   whyUnwelded: {
     table: "the work rests on the table there", unsure: "too little was seen of it",
-    "unknown-side": "unknown which side is air", rounded: "the edge of a rounding",
+    "unknown-side": "unknown which side is air", rounded: "rounded: too little is seen of its faces beyond",
     implied: "two faces would meet there; the corner itself was hardly seen",
   },
   columns: { seam: "seam, joint", length: "length, mm", error: "error, mm", confidence: "confidence" },
