@@ -100,6 +100,11 @@ pub struct Station {
 }
 
 impl Station {
+    /// Where it is about an origin, mm.
+    pub(crate) fn about(&self, origin_mm: &Point3<f64>) -> Point3<f32> {
+        Point3::from((self.position_mm - origin_mm).cast::<f32>())
+    }
+
     /// Bisector of the faces, out of the work: where the torch points to. None of faces that look away from each other.
     pub(crate) fn bisector(&self) -> Option<Vector3<f64>> {
         (self.faces[0] + self.faces[1]).try_normalize(LEAST_BISECTOR)

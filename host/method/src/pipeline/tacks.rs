@@ -12,7 +12,7 @@ use crate::geometry::cloud::Merged;
 use crate::geometry::grid::Grid;
 use crate::geometry::statistics::median;
 use crate::model::downsampling::Scale;
-use crate::seam::{Seam, Station};
+use crate::seam::Seam;
 use nalgebra::{Matrix3, Point3, Vector3};
 use serde::{Deserialize, Serialize};
 use std::ops::RangeInclusive;
@@ -131,7 +131,7 @@ impl Ground {
         let mut longest: Vec<&Seam> = result.found.seams.iter().collect();
         longest.sort_by(|a, b| b.length_mm().total_cmp(&a.length_mm()));
         let lines: Vec<Vec<Point3<f32>>> =
-            longest.iter().map(|seam| seam.stations.iter().map(|s| about(&origin_mm, s)).collect()).collect();
+            longest.iter().map(|seam| seam.stations.iter().map(|s| s.about(&origin_mm)).collect()).collect();
         let mut corners: Vec<Corner> = Vec::new();
         for (seam, line) in longest.iter().zip(&lines) {
             if corners.iter().any(|corner| corner.holds(line)) {
@@ -198,10 +198,6 @@ impl Ground {
         });
         tacks
     }
-}
-
-fn about(origin_mm: &Point3<f64>, station: &Station) -> Point3<f32> {
-    Point3::from((station.position_mm - origin_mm).cast::<f32>())
 }
 
 /// How far along a seam its station nearest to a place is, and how far that is off, mm.

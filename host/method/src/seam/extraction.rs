@@ -139,10 +139,10 @@ impl Judged {
         for (seam, is_seen_alone) in found {
             let is_sure =
                 is_sure(&input.scan, &seam, is_seen_alone) && seam.fit_error.position_mm < most_error_mm;
-            match rounded::joint_of(&seam, joints, input) {
-                _ if !is_sure => judged.unsure.push(seam),
-                Some(joint) => edges.push((joint, seam)),
-                None => judged.seams.push(seam),
+            match is_sure.then(|| rounded::joint_of(&seam, joints, input)) {
+                None => judged.unsure.push(seam),
+                Some(Some(joint)) => edges.push((joint, seam)),
+                Some(None) => judged.seams.push(seam),
             }
         }
         edges.sort_by_key(|(joint, _)| *joint);

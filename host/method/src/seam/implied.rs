@@ -76,7 +76,7 @@ impl Joint {
     /// The part of it beside some seams as a chain of corners, and how far from it they run, mm; `origin_mm` is that of the scan.
     pub(super) fn beside(&self, seams: &[&Seam], voxel_mm: f32, origin_mm: &Point3<f64>) -> (Chain, f32) {
         let stations = seams.iter().flat_map(|seam| &seam.stations);
-        let stations: Vec<_> = stations.map(|station| about(station, origin_mm)).collect();
+        let stations: Vec<_> = stations.map(|station| station.about(origin_mm)).collect();
         let off_mm = |p: &Point3<f32>| stations.iter().map(|q| (q - p).norm()).fold(f32::INFINITY, f32::min);
         let beside = self.places_mm.iter().map(|p| (p, off_mm(p))).filter(|(_, off)| *off < gap_mm(voxel_mm));
         let link = |p: &Point3<f32>| ChainLink { position: *p, direction: self.along, faces: self.faces };
@@ -103,7 +103,7 @@ impl Joint {
         let along = self.along.cast::<f64>();
         let torch = (self.faces[0] + self.faces[1]).cast::<f64>().normalize();
         let is_beside = |station: &&Station| {
-            let place = about(station, origin_mm);
+            let place = station.about(origin_mm);
             station.tangent.dot(&along).abs() > ALONG
                 && station.bisector().is_some_and(|own| own.dot(&torch) > ONE_TORCH)
                 && self.places_mm.iter().any(|p| (p - place).norm() < gap_mm(voxel_mm))
@@ -114,10 +114,6 @@ impl Joint {
     fn included_deg(&self) -> f64 {
         180.0 - f64::from(self.faces[0].angle(&self.faces[1]).to_degrees())
     }
-}
-
-fn about(station: &Station, origin_mm: &Point3<f64>) -> Point3<f32> {
-    Point3::from((station.position_mm - origin_mm).cast::<f32>())
 }
 
 pub(super) fn gap_mm(voxel_mm: f32) -> f32 {
@@ -276,7 +272,7 @@ mod tests {
     }
 
     #[test]
-    fn an_edge_of_a_rounding_runs_beside_a_sharper_joint_and_the_joint_keeps_off_the_surface() {
+    fn an_edge_of_a_rounding_runs_beside_a_sharper_joint() {
         let joints = joints(&surfaces(rounded()).0, 1.0, None);
         let joint =
             joints.iter().min_by(|a, b| a.included_deg().total_cmp(&b.included_deg())).expect("a joint");

@@ -40,8 +40,8 @@ pub struct RefineConfig {
     pub root: f32,
     /// The same where the faces meet at less than [`ACUTE_DEG`]: there is a gap, or a root face.
     pub acute_root: f32,
-    /// What is left out more because it is rounded, and looked at more beyond it.
-    pub rounded: f32,
+    /// Part of a face next to the seam that is taken for the face without question.
+    pub inner: f32,
     /// Farthest from the seam that points are used.
     pub reach: f32,
     /// The same on curved faces.
@@ -59,11 +59,25 @@ impl Default for RefineConfig {
             half: 8.3,
             root: 0.85,
             acute_root: 1.85,
-            rounded: 0.0,
+            inner: 5.4,
             reach: 11.7,
             curved_reach: 8.3,
             gap: 6.7,
             rounds: 3,
+        }
+    }
+}
+
+impl RefineConfig {
+    /// The same where the corner is rounded so far from the seam, voxels: that is left out, and as much more is looked at beyond.
+    pub(super) fn beyond(self, rounded: f32) -> Self {
+        Self {
+            root: self.root + rounded,
+            acute_root: self.acute_root + rounded,
+            inner: self.inner + rounded,
+            reach: self.reach + rounded,
+            curved_reach: self.curved_reach + rounded,
+            ..self
         }
     }
 }

@@ -8,7 +8,7 @@ use super::description::is_sure;
 use super::extraction::{SeamConfig, corner_seam};
 use super::implied::{Joint, MOST_ROUNDED_MM, gap_mm};
 use super::input::Input;
-use super::refine::{RefineConfig, rounds};
+use super::refine::rounds;
 use super::unwelded::{Unwelded, WhyUnwelded};
 use super::{Seam, Station};
 
@@ -38,18 +38,18 @@ pub(super) fn seam_in(
 ) -> Result<Seam, Unwelded> {
     let (v, origin_mm) = (input.model.voxel_mm(), &input.scan.merged.origin_mm);
     let (chain, off_mm) = joint.beside(edges, v, origin_mm);
-    let sizes = RefineConfig { rounded: BEYOND_EDGE * off_mm / v, ..config.refine };
+    let rounded = || Unwelded::of_chain(&chain, origin_mm, WhyUnwelded::Rounded);
+    if joint.rounding_mm(&input.model) >= MOST_ROUNDED_MM {
+        return Err(rounded());
+    }
+    let sizes = config.refine.beyond(BEYOND_EDGE * off_mm / v);
     let confidence = edges.iter().map(|seam| seam.confidence).fold(0.0, f64::max);
     let seam = rounds::refine(&input.scan, &chain, v, &sizes).map(|refined| {
-        let seam = corner_seam(input, &chain, &refined, (sizes.reach + sizes.rounded) * v);
+        let seam = corner_seam(input, &chain, &refined, sizes.reach * v);
         Seam { confidence, ..seam }
     });
-    let is_seen = |seam: &Seam| {
-        is_sure(&input.scan, seam, false)
-            && !joint.is_sharper_than(seam)
-            && joint.rounding_mm(&input.model) < MOST_ROUNDED_MM
-    };
-    seam.filter(is_seen).ok_or_else(|| Unwelded::of_chain(&chain, origin_mm, WhyUnwelded::Rounded))
+    let is_seen = |seam: &Seam| is_sure(&input.scan, seam, false) && !joint.is_sharper_than(seam);
+    seam.filter(is_seen).ok_or_else(rounded)
 }
 
 /// The stretches of a seam along which no other runs.

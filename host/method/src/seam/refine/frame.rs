@@ -38,7 +38,7 @@ impl Frame {
     /// A station in a cloud about this origin.
     pub fn of(station: &Station, origin_mm: &Point3<f64>) -> Self {
         Self {
-            position: Point3::from((station.position_mm - origin_mm).cast::<f32>()),
+            position: station.about(origin_mm),
             tangent: station.tangent.cast(),
             faces: station.faces.map(|face| face.cast()),
         }

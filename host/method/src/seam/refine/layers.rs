@@ -99,10 +99,6 @@ fn out_and_up(p: &Beside) -> (f32, f32) {
     if p.face == 0 { (p.u, p.h) } else { (p.h, p.u) }
 }
 
-fn station_of(p: &Beside, path: &Path) -> usize {
-    ((p.s / path.step_mm).round().max(0.0) as usize).min(path.frames.len() - 1)
-}
-
 /// How far out a ray of a camera goes for each millimetre up; none of one that grazes the layers.
 fn slope(frame: &Frame, camera_mm: &Point3<f32>) -> Option<f32> {
     let ray = camera_mm - frame.position;
@@ -173,7 +169,7 @@ impl Layers {
         });
         let upper = points.iter().filter_map(|p| {
             let (out, up) = out_and_up(p);
-            let station = station_of(p, path);
+            let station = path.station_at(p.s);
             let over = up - levels_mm[station];
             let slope = if scan.cameras_known {
                 slope(&path.frames[station], &scan.merged.cameras_mm[usize::from(p.view)])
@@ -195,7 +191,7 @@ impl Layers {
         for p in points {
             let (out, up) = out_and_up(p);
             if (-self.strip_mm..-self.voxel_mm).contains(&out) && (up - self.height_mm).abs() < self.half_mm {
-                heights_mm[station_of(p, path)].push(up);
+                heights_mm[path.station_at(p.s)].push(up);
             }
         }
         let level = |k: usize| {

@@ -86,6 +86,11 @@ impl Path {
         Self { frames: seam.frames.clone(), step_mm: seam.step_mm, closed: seam.closed }
     }
 
+    /// The station nearest to a place along it, mm.
+    pub(super) fn station_at(&self, s_mm: f32) -> usize {
+        ((s_mm / self.step_mm).round().max(0.0) as usize).min(self.frames.len() - 1)
+    }
+
     /// Its stations, to find feet on.
     pub(super) fn line(&self) -> StationLine<'_> {
         StationLine { frames: &self.frames, step_mm: self.step_mm, closed: self.closed }

@@ -24,7 +24,7 @@ pub(crate) fn refine(scan: &RawScan, chain: &Chain, voxel_mm: f32, config: &Refi
         let added = if round == 0 { ADDED_FIRST } else { ADDED_LATER };
         path.extend(added);
         let known = refined.filter(|_| round >= LOOK_UPS).map(|refined| refined.near);
-        let reach_mm = (config.reach + config.rounded) * voxel_mm;
+        let reach_mm = config.reach * voxel_mm;
         let near =
             known.unwrap_or_else(|| near_path(scan.index, &path.frames, reach_mm + SPARE_VOXELS * voxel_mm));
         let sections = FaceSections::new(scan, &near, &path, voxel_mm, config, round);

@@ -21,8 +21,6 @@ use std::ops::Range;
 const GATE_VOXELS: f32 = 1.7;
 const GATE_SHRINKS_VOXELS: f32 = 0.35;
 const LEAST_GATE_VOXELS: f32 = 1.0;
-/// Part of a face next to the seam that is taken for the face without question, voxels.
-const INNER_VOXELS: f32 = 5.4;
 /// What is left out more where a face is rounded beside the root, and how much farther it then goes on at least, voxels.
 const LEFT_OUT_VOXELS: [f32; 3] = [1.5, 3.0, 4.5];
 const GAINED_VOXELS: f32 = 1.5;
@@ -52,10 +50,10 @@ const ON_FACE_DEVIATIONS: f64 = 4.0;
 const WALL_FROM: f32 = 2.5;
 const WALL_TO: f32 = 7.0;
 const WALL_SHARE: f64 = 0.25;
-/// Points of a face that tell whether it is even.
-const SAMPLE: usize = 5000;
 /// Stations inward of those that were put to an end among which a wall may be.
 const WALL_ZONE: usize = 2;
+/// Points of a face that tell whether it is even.
+const SAMPLE: usize = 5000;
 
 /// The raw points of the two faces beside a path.
 pub(super) struct FaceSections {
@@ -97,12 +95,12 @@ impl Gates {
         let acute = opening_deg < ACUTE_DEG;
         let shrunk = (GATE_VOXELS - GATE_SHRINKS_VOXELS * round as f32).max(LEAST_GATE_VOXELS);
         let height_mm = voxel_mm * shrunk;
-        let from_mm = voxel_mm * (config.rounded + if acute { config.acute_root } else { config.root });
+        let from_mm = voxel_mm * if acute { config.acute_root } else { config.root };
         let reach = Reach {
             from_mm,
             begins_mm: from_mm,
-            inner_mm: (INNER_VOXELS + config.rounded) * voxel_mm,
-            most_mm: (config.reach + config.rounded) * voxel_mm,
+            inner_mm: config.inner * voxel_mm,
+            most_mm: config.reach * voxel_mm,
             // Where it is not known what hides what, a face may end anywhere.
             is_side: cameras_known && (ACUTE_DEG..180.0 - ACUTE_DEG).contains(&opening_deg),
         };
@@ -217,7 +215,7 @@ impl FaceSections {
             }
         }
         if sections.bend.iter().flatten().any(|b| b.abs() > CURVED) {
-            let limit = (config.curved_reach + config.rounded) * voxel_mm;
+            let limit = config.curved_reach * voxel_mm;
             sections.windows.points.iter_mut().for_each(|points| points.retain(|p| p.u < limit));
         }
         sections
@@ -231,11 +229,8 @@ impl FaceSections {
         }
         let curved = bend.iter().any(|b| b.abs() > CURVED);
         // A gate about the tangent plane would cut the far points of a curved face, and flatten it.
-        let last = bend.len() - 1;
-        self.windows.points[face].retain(|p| {
-            let station = ((p.s / path.step_mm).round().max(0.0) as usize).min(last);
-            (p.h - bend[station] as f32 * p.u * p.u).abs() < gates.height_mm
-        });
+        self.windows.points[face]
+            .retain(|p| (p.h - bend[path.station_at(p.s)] as f32 * p.u * p.u).abs() < gates.height_mm);
         self.bend[face] = if curved { bends(&self.windows, path, face) } else { bend };
     }
 
@@ -309,12 +304,10 @@ impl FaceSections {
 /// How far apart the near half of a face and all of it put the face at the root, mm: a plane's agree, whatever rounds a corner lifts
 /// what is near it.
 fn uneven_mm(points: &[Beside], bend: &[f64], path: &Path) -> f64 {
-    let last = bend.len() - 1;
     let step = points.len() / SAMPLE + 1;
     let flat = points.iter().step_by(step).map(|p| {
-        let station = ((p.s / path.step_mm).round().max(0.0) as usize).min(last);
         let u = f64::from(p.u);
-        (u, f64::from(p.h) - bend[station] * u * u)
+        (u, f64::from(p.h) - bend[path.station_at(p.s)] * u * u)
     });
     let mut flat: Vec<(f64, f64)> = flat.collect();
     flat.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
