@@ -3,6 +3,7 @@
 
 pub mod cloud;
 pub(crate) mod columns;
+pub(crate) mod depth_map;
 pub mod grid;
 pub mod mesh;
 pub mod plane;

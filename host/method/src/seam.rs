@@ -30,6 +30,7 @@ mod ordering;
 pub mod refine;
 mod rounded;
 pub mod score;
+pub mod segmentation;
 mod surfaces;
 pub mod trace;
 mod unwelded;
@@ -42,7 +43,10 @@ use crate::model::orientation::Orientation;
 use measure::dimension::Dimension;
 use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
+use segmentation::Segmentation;
 use serde::{Deserialize, Serialize};
+use trace::InsideCorner;
+use trace::chain::TraceConfig;
 use trace::support::Support;
 
 /// Joint type of a seam; the names are the same in files, options and messages.
@@ -338,6 +342,36 @@ impl Found {
             self.seams.iter_mut().for_each(|seam| seam.be_at_most(confidence::SIDE_ASSUMED));
         }
         (1..).zip(&mut self.seams).for_each(|(id, seam)| seam.id = id);
+    }
+}
+
+impl Found {
+    /// Tells the inside corners and low steps between surfaces that make no seam and are not told yet; `origin_mm` is that of the scan.
+    pub(crate) fn tell_borders(
+        &mut self,
+        segmentation: &Segmentation,
+        model: &SurfaceModel,
+        config: &TraceConfig,
+        is_sided: impl Fn(&Point3<f32>) -> bool,
+    ) {
+        let (origin_mm, had_none) = (model.cloud.origin_mm, self.unwelded.is_empty());
+        let is_on_table = |corner: &InsideCorner| {
+            let is_face =
+                |table: &Support| corner.faces.iter().any(|face| table.is_face(face, &corner.position));
+            self.table.as_ref().is_some_and(is_face)
+        };
+        let lines = |on_table: bool, reason: WhyUnwelded| {
+            let asked = |corner: &InsideCorner| is_on_table(corner) == on_table && is_sided(&corner.position);
+            let mut chains = segmentation.lines(model, &config.faint(), asked);
+            chains.sort_by(|a, b| b.length_mm().total_cmp(&a.length_mm()));
+            chains.into_iter().map(move |chain| Unwelded::of_chain(&chain, &origin_mm, reason))
+        };
+        let more: Vec<_> = lines(false, WhyUnwelded::Unsure).chain(lines(true, WhyUnwelded::Table)).collect();
+        let told = std::mem::take(&mut self.unwelded);
+        self.unwelded = unwelded::told_besides(told, &more, &self.seams, model.voxel_mm().into());
+        if let (true, true, Some(first)) = (had_none, self.seams.is_empty(), self.unwelded.first()) {
+            self.reason.clone_from(&first.words);
+        }
     }
 }
 

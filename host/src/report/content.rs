@@ -11,6 +11,7 @@ use weldpath_job::output::arm::ArmDrawing;
 use weldpath_job::output::summary::Summary;
 use weldpath_method::pipeline::{Method, Plan};
 use weldpath_method::seam::Seam;
+use weldpath_method::seam::segmentation::Surface;
 use weldpath_method::weld::air;
 use weldpath_method::weld::program::{Kind, Waypoint};
 
@@ -98,6 +99,7 @@ struct Content<'a> {
     outline_mm: Vec<[f64; 3]>,
     clouds: Clouds,
     intensity_full: f32,
+    surfaces: &'a [Surface],
     cameras_mm: Vec<[f64; 3]>,
     seams: Vec<SeamLine>,
     waypoints: Vec<Row>,
@@ -166,6 +168,7 @@ pub(super) fn document(run: &Run, scene: &Scene) -> (String, Vec<u8>) {
         outline_mm: scene.outline_mm.iter().map(|&p| rounded(p.into())).collect(),
         clouds,
         intensity_full: INTENSITY_FULL,
+        surfaces: &recording.surfaces,
         cameras_mm: recording.cameras_mm.iter().map(|&c| c.into()).collect(),
         seams: plan.seams.iter().map(seam_line).collect(),
         waypoints: shown.iter().map(|&i| row(&waypoints[i])).collect(),

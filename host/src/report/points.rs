@@ -1,15 +1,16 @@
-//! Points as the page carries them: 12 bytes each, quantised, little endian, in two columns.
+//! Points as the page carries them: 14 bytes each, quantised, little endian, in three columns.
 //!
 //! First column, four `u16`: x, y, z in steps of [`Layer::step_mm`] from [`Layer::low_mm`], and how far the filter moved
 //! the point along its normal, in micrometres about 32768. Second column, four `u8`: the normal in octahedral
-//! coordinates, edge intensity with [`INTENSITY_FULL`] at 255, and the view.
+//! coordinates, edge intensity with [`INTENSITY_FULL`] at 255, and the view. Third column, two `u8`: the surface, from 1 to 255 and then
+//! from 1 again, and the border in the order of [`Border::ALL`], from 1; 0 is none.
 
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
+use weldpath_method::seam::segmentation::Border;
 
 /// Edge intensity that fills the byte; few corners reach it.
 pub(super) const INTENSITY_FULL: f32 = 0.5;
-/// Bytes of a point in both columns.
 /// `most` of `count` indices, or all; one from each of as many equal stretches, at a place that looks random: an even
 /// stride would draw stripes across the rows of a depth image.
 pub(super) fn even_sample(count: usize, most: usize) -> impl Iterator<Item = usize> {
@@ -18,8 +19,9 @@ pub(super) fn even_sample(count: usize, most: usize) -> impl Iterator<Item = usi
     (0..picks).map(move |k| begin(k) + (k.wrapping_mul(2_654_435_761) >> 7) % (begin(k + 1) - begin(k)))
 }
 
+/// Bytes of a point in all columns.
 #[cfg(test)]
-const POINT_BYTES: usize = 12;
+const POINT_BYTES: usize = 14;
 /// A displacement of 0.
 const NOT_MOVED: f32 = 32_768.0;
 
@@ -31,6 +33,21 @@ pub(super) struct Sample {
     pub(super) moved_mm: f32,
     pub(super) intensity: f32,
     pub(super) view: u16,
+    /// As the page has it.
+    pub(super) surface: u8,
+    /// As the page has it.
+    pub(super) border: u8,
+}
+
+/// Number of a surface in the page; 0 is none.
+pub(super) fn surface_number(surface: Option<u16>) -> u8 {
+    surface.map_or(0, |surface| (1 + surface % u16::from(u8::MAX)) as u8)
+}
+
+/// Number of a border in the page; 0 is none.
+pub(super) fn border_number(border: Option<Border>) -> u8 {
+    let place = |border| Border::ALL.iter().position(|other| *other == border).map_or(0, |k| 1 + k as u8);
+    border.map_or(0, place)
 }
 
 /// Box in which positions are quantised, mm, relative to an origin in the base frame.
@@ -70,6 +87,7 @@ pub(super) struct Layer {
     step_mm: f64,
     positions_at: usize,
     attributes_at: usize,
+    surfaces_at: usize,
 }
 
 /// Appends a layer to the binary block.
@@ -89,8 +107,11 @@ pub(super) fn pack(frame: &Frame, samples: &[Sample], of: usize, block: &mut Vec
         let intensity = (255.0 * s.intensity / INTENSITY_FULL).round() as u8;
         block.extend([u, v, intensity, s.view.min(255) as u8]);
     }
+    let surfaces_at = block.len();
+    block.extend(samples.iter().flat_map(|s| [s.surface, s.border]));
     let step_mm = f64::from(frame.step_mm);
-    Layer { count: samples.len(), of, low_mm: low_mm.into(), step_mm, positions_at, attributes_at }
+    let count = samples.len();
+    Layer { count, of, low_mm: low_mm.into(), step_mm, positions_at, attributes_at, surfaces_at }
 }
 
 /// A unit vector folded onto a square (Cigolle et al. 2014, "A Survey of Efficient Representations for Independent Unit
@@ -111,7 +132,15 @@ mod tests {
     use super::*;
 
     fn sample(position_mm: [f32; 3], normal: Vector3<f32>) -> Sample {
-        Sample { position_mm: position_mm.into(), normal, moved_mm: -0.25, intensity: 0.25, view: 3 }
+        Sample {
+            position_mm: position_mm.into(),
+            normal,
+            moved_mm: -0.25,
+            intensity: 0.25,
+            view: 3,
+            surface: surface_number(Some(255)),
+            border: border_number(Some(Border::Unseen)),
+        }
     }
 
     #[test]
@@ -131,6 +160,7 @@ mod tests {
             }
             assert_eq!(at(3), 32_768 - 250);
             assert_eq!(block[layer.attributes_at + 4 * i + 2..][..2], [128, 3]);
+            assert_eq!(block[layer.surfaces_at + 2 * i..][..2], [1, 7]);
         }
     }
 

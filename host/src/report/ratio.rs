@@ -86,6 +86,7 @@ mod tests {
             model,
             index: &grid,
             intensity,
+            segmentation: None,
             rejected: &[],
             unwelded: &[],
         });

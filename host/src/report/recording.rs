@@ -3,7 +3,7 @@
 //! Clouds are thinned to an even sample here, so that nothing large is kept.
 
 use super::histogram::Histogram;
-use super::points::{Frame, Sample, even_sample};
+use super::points::{Frame, Sample, border_number, even_sample, surface_number};
 use super::ratio;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -12,7 +12,8 @@ use weldpath_core::seam::RatioThreshold;
 use weldpath_method::geometry::cloud::{Merged, PointCloud};
 use weldpath_method::geometry::grid::Grid;
 use weldpath_method::pipeline::Evidence;
-use weldpath_method::seam::Unwelded;
+use weldpath_method::seam::segmentation::{Segmentation, Surface};
+use weldpath_method::seam::{SurfaceModel, Unwelded};
 
 /// Most points of the model and of the raw scan in the page.
 const MODEL_POINTS: usize = 300_000;
@@ -38,6 +39,8 @@ pub struct Recording {
     pub(super) rejected: Vec<String>,
     /// Inside corners that are seen and are no seams.
     pub(super) unwelded: Vec<Unwelded>,
+    /// What surfaces the model shows, by their numbers.
+    pub(super) surfaces: Vec<Surface>,
     pub(super) intensity: Histogram,
     pub(super) ratio: Histogram,
     pub(super) spacing_mm: Histogram,
@@ -68,6 +71,10 @@ impl Recording {
     /// Keeps a sample of what there is to see.
     pub fn of(evidence: &Evidence) -> Self {
         let Evidence { merged, raw: index, voxels, model, intensity, .. } = *evidence;
+        let surface = SurfaceModel { voxels, cloud: model, index: evidence.index, asymmetries: &[] };
+        let anew = evidence.segmentation.is_none().then(|| Segmentation::of(&surface));
+        let segmentation = evidence.segmentation.or(anew.as_ref());
+        let places = segmentation.map(|found| found.places(&surface, merged, intensity)).unwrap_or_default();
         let frame = Frame::around(model.origin_mm, &model.points_mm, MARGIN);
         let raw_of = merged.points_mm.len();
         let mut raw_picks: Vec<usize> = even_sample(raw_of, RAW_POINTS).collect();
@@ -80,6 +87,8 @@ impl Recording {
                 moved_mm: normal.dot(&(voxels.cloud.points_mm[k] - position_mm)),
                 intensity: intensity.get(k).copied().unwrap_or(0.0),
                 view: voxels.view.get(k).copied().unwrap_or(0),
+                surface: surface_number(places[k].surface),
+                border: border_number(places[k].border),
             }
         };
         let picks: Vec<usize> = even_sample(model.len(), MODEL_POINTS).collect();
@@ -90,6 +99,7 @@ impl Recording {
             cameras_mm: cameras_mm(merged),
             rejected: evidence.rejected.to_vec(),
             unwelded: evidence.unwelded.to_vec(),
+            surfaces: segmentation.map(Segmentation::surfaces).unwrap_or_default(),
             intensity: Histogram::between(0.0, 0.5, intensity.iter().copied()),
             ratio: Histogram::between(
                 RatioThreshold::FLOOR.into(),
@@ -114,6 +124,8 @@ fn raw_samples(picks: &[usize], merged: &Merged, model: &[Sample], edge_mm: f32)
             moved_mm: 0.0,
             intensity: like.map_or(0.0, |s| s.intensity),
             view: merged.view[i],
+            surface: like.map_or(0, |s| s.surface),
+            border: like.map_or(0, |s| s.border),
         }
     };
     picks.par_iter().map(sample).collect()
@@ -170,6 +182,7 @@ mod tests {
             model: &model,
             index: &Grid::new(&model.points_mm, 4.0),
             intensity: &[0.3; 400],
+            segmentation: None,
             rejected: &["an inside corner".into()],
             unwelded: &[],
         };

@@ -50,7 +50,8 @@ const REJECTED: &str = "an inside corner of 30 mm near 1,2,3 is too uncertain to
 
 fn rejected() -> Unwelded {
     let line_mm = vec![Point3::new(-14.0, 2.0, 3.0), Point3::new(16.0, 2.0, 3.0)];
-    Unwelded { line_mm, reason: WhyUnwelded::Unsure, words: REJECTED.into() }
+    let air = vec![Vector3::z(); line_mm.len()];
+    Unwelded { line_mm, air, reason: WhyUnwelded::Unsure, words: REJECTED.into() }
 }
 
 /// What is kept of a run over `model`.
@@ -76,6 +77,7 @@ fn recording(model: &PointCloud) -> Recording {
         model,
         index: &Grid::new(&model.points_mm, 4.0),
         intensity: &intensity,
+        segmentation: None,
         rejected: &[REJECTED.to_owned()],
         unwelded: &[rejected()],
     })

@@ -9,6 +9,7 @@ mod report;
 mod sight;
 
 use crate::geometry::cloud::View;
+use crate::geometry::depth_map::DepthMap;
 use crate::geometry::table;
 use crate::model::normals::Patches;
 use crate::model::reconstruction::{self, ReconstructionConfig, Registration};
@@ -17,7 +18,7 @@ use nalgebra::{Isometry3, Point3};
 use rayon::prelude::*;
 pub use report::ViewReport;
 use serde::{Deserialize, Serialize};
-use sight::{APART_MM, DepthMap, Sight};
+use sight::{APART_MM, Sight, depth_map, sight};
 use std::borrow::Cow;
 
 /// How far from what the robot reported a view may come to lie, in multiples of one standard deviation of a reported pose:
@@ -258,7 +259,7 @@ fn relative(corrections: &[Isometry3<f64>], poses: &[Isometry3<f64>]) -> Vec<(f6
 /// what stands out of the largest plane.
 fn through(found: &Agreement, patches: &[Patches]) -> Vec<[f64; 2]> {
     let kept = &found.kept;
-    let maps: Vec<DepthMap> = kept.par_iter().map(|&k| DepthMap::new(&patches[k])).collect();
+    let maps: Vec<DepthMap> = kept.par_iter().map(|&k| depth_map(&patches[k])).collect();
     let pairs: Vec<(usize, usize)> =
         (0..kept.len()).flat_map(|i| (0..kept.len()).filter(move |&j| j != i).map(move |j| (i, j))).collect();
     let poses = &found.registration.base_from_camera;
@@ -324,7 +325,7 @@ impl Judged {
 fn judged(asked: &[Asked], map: &DepthMap, map_from_base: &Isometry3<f32>) -> [Judged; 2] {
     let mut counts = [Judged::default(); 2];
     for patch in asked {
-        let one = match map.sight(&(map_from_base * patch.place)) {
+        let one = match sight(map, &(map_from_base * patch.place)) {
             Sight::At => Judged { at: 1, through: 0 },
             Sight::Through => Judged { at: 0, through: 1 },
             Sight::Unknown => continue,

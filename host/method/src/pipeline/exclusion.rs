@@ -125,6 +125,7 @@ impl Scene {
             model: cloud,
             index: &model.index,
             intensity: &found.intensity,
+            segmentation: result.segmentation.as_deref(),
             rejected: &found.warnings,
             unwelded: &found.unwelded,
         };
@@ -135,7 +136,7 @@ impl Scene {
         let index = &Grid::new(&cloud.points_mm, model.index.cell_mm());
         let mut intensity = found.intensity.clone();
         intensity.resize(cloud.len(), 0.0);
-        observer.evidence(&Evidence { raw, index, intensity: &intensity, ..of_work });
+        observer.evidence(&Evidence { raw, index, intensity: &intensity, segmentation: None, ..of_work });
     }
 
     /// Why there is no seam, with what was left out.

@@ -15,6 +15,7 @@ use crate::seam::asked::{self, Answer, Shared};
 use crate::seam::drawn;
 use crate::seam::joined::CLEARLY;
 use crate::seam::score::{edges, paper};
+use crate::seam::segmentation::Segmentation;
 use crate::seam::trace::support;
 use crate::seam::{Cues, Found, INDEX_VOXELS, Input, RawScan, Seam, SurfaceModel, extraction};
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -29,6 +30,8 @@ const COARSER: f32 = 1.8;
 const COARSEST_MM: f32 = 3.0;
 /// Sizes by less than this factor apart are one.
 const ANOTHER_SIZE: f32 = 1.1;
+/// How far from a corner its surfaces are looked up, voxels.
+const SIDED_VOXELS: f32 = 12.0;
 /// Fewer voxels than this cannot make two faces.
 const MIN_POINTS: usize = 40;
 
@@ -53,6 +56,8 @@ pub(super) struct ScaleResult {
     pub scale: Scale,
     pub model: Arc<Model>,
     pub found: Found,
+    /// The surfaces of the model, where the corners between them were asked for.
+    pub segmentation: Option<Arc<Segmentation>>,
     cues: Cues,
 }
 
@@ -151,6 +156,29 @@ impl ScaleSearch<'_> {
         Ok(())
     }
 
+    /// Tells the corners between the surfaces of a scan that made no seam.
+    pub(super) fn tell_borders(&self, result: &mut ScaleResult, stages: &mut Stages) {
+        // The facets of a mesh show all corners that it has.
+        if self.method != Method::Weldpath || self.mesh().is_some() {
+            return;
+        }
+        let ScaleResult { model, found, segmentation, .. } = result;
+        stages.time("seam", || {
+            let surface = model.surface();
+            let surfaces = Segmentation::of(&surface);
+            let is_sided = |place: &Point3<f32>| {
+                let reach_mm = SIDED_VOXELS * surface.voxel_mm();
+                let unknown = model.oriented.as_ref().map(|oriented| &oriented.unknown);
+                let nearest = || surface.index.nearest(place, reach_mm, |_| true);
+                unknown.is_none_or(|unknown| {
+                    nearest().is_some_and(|(slot, _)| !unknown[surface.index.index(slot)])
+                })
+            };
+            found.tell_borders(&surfaces, &surface, &self.config.seam.trace, is_sided);
+            *segmentation = Some(Arc::new(surfaces));
+        });
+    }
+
     /// Grants the wishes; in words those that cannot be granted, of seams and of lines.
     pub(super) fn grant(
         &self,
@@ -236,7 +264,7 @@ impl ScaleSearch<'_> {
         if let Some(oriented) = &model.oriented {
             found.only_oriented(oriented, &model.surface());
         }
-        Ok(ScaleResult { scale: *scale, model: Arc::new(model), found, cues })
+        Ok(ScaleResult { scale: *scale, model: Arc::new(model), found, segmentation: None, cues })
     }
 
     /// The cloud thinned to voxels of one size, filtered, and indexed.

@@ -6,6 +6,7 @@ use crate::geometry::cloud::{Merged, PointCloud};
 use crate::geometry::grid::Grid;
 use crate::model::downsampling::Voxels;
 use crate::seam::Unwelded;
+use crate::seam::segmentation::Segmentation;
 use std::borrow::Cow;
 use std::sync::Arc;
 use std::time::Instant;
@@ -25,6 +26,8 @@ pub struct Evidence<'a> {
     pub index: &'a Grid,
     /// Edge intensity of each point of the model.
     pub intensity: &'a [f32],
+    /// Its surfaces, where they were asked for.
+    pub segmentation: Option<&'a Segmentation>,
     /// What looked like a seam and is none that could be welded: each with its place and why.
     pub rejected: &'a [String],
     /// Inside corners that are seen and are no seams.

@@ -98,6 +98,7 @@ pub(super) fn sought_without(
     }
     let here = ground.as_ref().map_or(*search, |ground| ground.in_place_of(search));
     here.look_again(&mut result, stages)?;
+    here.tell_borders(&mut result, stages);
     Ok((result, ground))
 }
 

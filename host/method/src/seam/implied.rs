@@ -63,8 +63,9 @@ impl Joint {
     /// As a corner that is not welded; `origin_mm` is that of the scan.
     pub(super) fn unwelded(&self, origin_mm: &Point3<f64>) -> Unwelded {
         let reason = if self.on_table { WhyUnwelded::Table } else { WhyUnwelded::Implied };
-        let line_mm = self.places_mm.iter().map(|p| origin_mm + p.coords.cast::<f64>()).collect();
-        Unwelded { line_mm, reason, words: String::new() }
+        let line_mm: Vec<_> = self.places_mm.iter().map(|p| origin_mm + p.coords.cast::<f64>()).collect();
+        let air = vec![(self.faces[0] + self.faces[1]).cast(); line_mm.len()];
+        Unwelded { line_mm, air, reason, words: String::new() }
     }
 
     /// Whether a seam that runs beside it is wider: it runs along the rounding. A neighbourhood that is smaller than a rounding sees two

@@ -7,7 +7,7 @@
 use super::refine::frame::Frame;
 use super::trace::support::Support;
 use super::{Found, Seam, Station, Unwelded, WhyUnwelded, ordering};
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 
 /// Two lines are of one corner this near to each other, larger voxels: half of what a neighbourhood of theirs reaches. A ramp ends
 /// as far from the corner.
@@ -43,6 +43,7 @@ impl Found {
             && let Some(table) = &larger.table
         {
             self.rest(table, origin_mm);
+            self.table = larger.table;
         }
         let larger = larger.seams;
         let (mut better, mut is_worse): (Vec<Seam>, _) = (Vec::new(), vec![false; self.seams.len()]);
@@ -111,7 +112,7 @@ impl Found {
     /// Of the corners that are no seams, what is not beside these that are now.
     fn tell_anew(&mut self, seams: &[Seam], near_mm: f64, voxel_mm: f64) {
         let mut gone = Vec::new();
-        let is_free = |p: &Point3<f64>| {
+        let is_free = |p: &Point3<f64>, _: &Vector3<f64>| {
             let near = |station: &Station| (station.position_mm - p).norm() < near_mm;
             !seams.iter().any(|seam| seam.stations.iter().any(near))
         };
@@ -159,7 +160,6 @@ impl Seam {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::Vector3;
 
     /// Along x at y = `across_mm`, between the level face and one at an angle to it; the air is above, and before it.
     fn seam(from_mm: f64, to_mm: f64, across_mm: f64, included_deg: f64) -> Seam {

@@ -73,6 +73,16 @@ impl Face {
             .flat_map(|(points, _)| points)
     }
 
+    /// The numbers of its points in the model.
+    pub(super) fn members(&self) -> &[usize] {
+        &self.members
+    }
+
+    /// Of a point over it, mm.
+    pub(super) fn height_mm(&self, p: &Point3<f32>) -> f32 {
+        self.normal.dot(&p.coords) - self.level_mm
+    }
+
     /// How far the boxes around two faces are apart along the axis along which they are farthest apart, mm; negative where they overlap.
     pub(super) fn apart_mm(&self, other: &Self) -> f32 {
         apart_mm(&self.corners_mm, &other.corners_mm)
@@ -165,7 +175,7 @@ fn patches(model: &SurfaceModel) -> (Vec<Patch>, Vec<u32>) {
 }
 
 /// The flat faces of a model, grown from patch to patch, the fullest first.
-fn grown(model: &SurfaceModel) -> Vec<Face> {
+pub(super) fn grown(model: &SurfaceModel) -> Vec<Face> {
     let (patches, of) = patches(model);
     let most_mm = HEIGHT_VOXELS * model.voxel_mm();
     let mut by_cell: Vec<([usize; 3], usize)> = (0..patches.len()).map(|k| (patches[k].cell, k)).collect();
@@ -238,7 +248,7 @@ fn fitted(mut places: impl Iterator<Item = Vector3<f32>>, facing: &Vector3<f32>)
     (normal, normal.dot(&(from + plane.mean)))
 }
 
-fn waves(faces: &[Face], model: &SurfaceModel) -> Waves {
+pub(super) fn waves(faces: &[Face], model: &SurfaceModel) -> Waves {
     let parts: Vec<Part> = faces.iter().flat_map(|face| parts(face, model)).collect();
     if parts.len() < LEAST_PARTS {
         return Waves::default();

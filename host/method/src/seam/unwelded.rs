@@ -1,8 +1,8 @@
 //! Inside corners that are seen and not offered as seams (ours): where they run, and why not. Nothing vanishes without a word.
 
-use super::Seam;
 use super::trace::{Chain, ChainLink};
-use nalgebra::Point3;
+use super::{Seam, Station};
+use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -27,6 +27,9 @@ pub enum WhyUnwelded {
 pub struct Unwelded {
     /// Places along it, mm, base frame.
     pub line_mm: Vec<Point3<f64>>,
+    /// Where the air is from each of them, midway between its faces; not a unit vector. Corners on both sides of a wall are near to each
+    /// other, and two.
+    pub air: Vec<Vector3<f64>>,
     /// Why.
     pub reason: WhyUnwelded,
     /// The same in words.
@@ -36,13 +39,18 @@ pub struct Unwelded {
 impl Unwelded {
     /// A seam that was found and is not offered.
     pub(super) fn of(seam: &Seam, reason: WhyUnwelded, words: String) -> Self {
-        Self { line_mm: seam.stations.iter().map(|station| station.position_mm).collect(), reason, words }
+        let (line_mm, air) = seam.stations.iter().map(place_of).unzip();
+        Self { line_mm, air, reason, words }
     }
 
     /// Corners that were strung together and made no seam; `origin_mm` is that of the scan.
     pub(super) fn of_chain(chain: &Chain, origin_mm: &Point3<f64>, reason: WhyUnwelded) -> Self {
-        let place = |link: &ChainLink| origin_mm + link.position.coords.cast::<f64>();
-        Self { line_mm: chain.links.iter().map(place).collect(), reason, words: String::new() }
+        let place = |link: &ChainLink| {
+            let air = link.faces[0] + link.faces[1];
+            (origin_mm + link.position.coords.cast::<f64>(), air.cast::<f64>())
+        };
+        let (line_mm, air) = chain.links.iter().map(place).unzip();
+        Self { line_mm, air, reason, words: String::new() }
     }
 
     pub(super) fn in_words(&self) -> String {
@@ -66,13 +74,17 @@ impl Unwelded {
     }
 
     /// Its stretches whose places are free, if they are long enough to be told.
-    pub(super) fn stretches(&self, voxel_mm: f64, is_free: impl Fn(&Point3<f64>) -> bool) -> Vec<Self> {
-        let free: Vec<bool> = self.line_mm.iter().map(is_free).collect();
-        let places: Vec<_> = self.line_mm.iter().zip(&free).collect();
-        let runs = places.chunk_by(|a, b| a.1 == b.1).filter(|run| *run[0].1);
-        let stretch = |run: &[(&Point3<f64>, &bool)]| Self {
-            line_mm: run.iter().map(|(place, _)| **place).collect(),
-            ..self.clone()
+    pub(super) fn stretches(
+        &self,
+        voxel_mm: f64,
+        is_free: impl Fn(&Point3<f64>, &Vector3<f64>) -> bool,
+    ) -> Vec<Self> {
+        let places: Vec<_> =
+            self.line_mm.iter().zip(&self.air).map(|(p, air)| (p, air, is_free(p, air))).collect();
+        let runs = places.chunk_by(|a, b| a.2 == b.2).filter(|run| run[0].2);
+        let stretch = |run: &[(&Point3<f64>, &Vector3<f64>, bool)]| {
+            let (line_mm, air) = run.iter().map(|(place, air, _)| (**place, **air)).unzip();
+            Self { line_mm, air, ..self.clone() }
         };
         let told = |stretch: &Self| stretch.length_mm() >= LEAST_MM.max(LEAST_VOXELS * voxel_mm);
         runs.map(stretch).filter(told).collect()
@@ -91,6 +103,8 @@ const LEAST_VOXELS: f64 = 10.0;
 /// either that noise explains takes it.
 const SAME_VOXELS: f64 = 3.0;
 const SAME_IMPLIED_MM: f64 = 6.0;
+/// Cosine between the airs of two lines that may be one corner: those of corners at both sides of a wall differ by a right angle.
+const ONE_AIR: f64 = 0.5;
 
 /// The lines without what runs beside seams or beside lines before them, those that are implied last; of that, each run that is
 /// long enough to be told.
@@ -100,29 +114,55 @@ pub(super) fn told(
     seams: &[Seam],
     voxel_mm: f64,
 ) -> Vec<Unwelded> {
-    let stations = seams.iter().flat_map(|seam| seam.stations.iter().map(|station| station.position_mm));
-    let mut told = Told { known: stations.collect(), lines: Vec::new(), voxel_mm };
+    let mut told = Told { known: Told::of(seams, &[]), lines: Vec::new(), voxel_mm };
     let near_mm = SAME_VOXELS * voxel_mm;
     lines.iter().for_each(|line| told.add(line, near_mm));
     implied.iter().for_each(|line| told.add(line, near_mm.max(SAME_IMPLIED_MM)));
     told.lines
 }
 
+/// Some more lines beside those that are told, as [`told`] takes those that are implied.
+pub(super) fn told_besides(
+    told: Vec<Unwelded>,
+    more: &[Unwelded],
+    seams: &[Seam],
+    voxel_mm: f64,
+) -> Vec<Unwelded> {
+    let mut told = Told { known: Told::of(seams, &told), lines: told, voxel_mm };
+    more.iter().for_each(|line| told.add(line, (SAME_VOXELS * voxel_mm).max(SAME_IMPLIED_MM)));
+    told.lines
+}
+
+fn place_of(station: &Station) -> (Point3<f64>, Vector3<f64>) {
+    (station.position_mm, station.faces[0] + station.faces[1])
+}
+
 struct Told {
-    /// Places of seams and of lines that are told.
-    known: Vec<Point3<f64>>,
+    /// Places of seams and of lines that are told, and the air there.
+    known: Vec<(Point3<f64>, Vector3<f64>)>,
     lines: Vec<Unwelded>,
     voxel_mm: f64,
 }
 
 impl Told {
+    fn of(seams: &[Seam], lines: &[Unwelded]) -> Vec<(Point3<f64>, Vector3<f64>)> {
+        let stations = seams.iter().flat_map(|seam| seam.stations.iter().map(place_of));
+        let places =
+            |line: &Unwelded| line.line_mm.iter().copied().zip(line.air.iter().copied()).collect::<Vec<_>>();
+        stations.chain(lines.iter().flat_map(places)).collect()
+    }
+
     fn add(&mut self, line: &Unwelded, near_mm: f64) {
-        let is_free = |p: &Point3<f64>| self.known.iter().all(|q| (p - q).norm() > near_mm);
+        let is_one =
+            |air: &Vector3<f64>, other: &Vector3<f64>| air.dot(other) > ONE_AIR * air.norm() * other.norm();
+        let is_free = |p: &Point3<f64>, air: &Vector3<f64>| {
+            self.known.iter().all(|(q, other)| (p - q).norm() > near_mm || !is_one(air, other))
+        };
         for mut part in line.stretches(self.voxel_mm, is_free) {
             if part.words.is_empty() {
                 part.words = part.in_words();
             }
-            self.known.extend_from_slice(&part.line_mm);
+            self.known.extend(part.line_mm.iter().copied().zip(part.air.iter().copied()));
             self.lines.push(part);
         }
     }
@@ -138,11 +178,17 @@ mod tests {
             line_mm: (0..=20)
                 .map(|k| Point3::new(from_mm + (to_mm - from_mm) * f64::from(k) / 20.0, 0.0, 0.0))
                 .collect(),
+            air: vec![Vector3::z(); 21],
             reason: WhyUnwelded::Table,
             words: String::new(),
         };
         let told = told(vec![line(0.0, 100.0), line(20.0, 80.0), line(200.0, 210.0)], vec![], &[], 1.2);
         assert_eq!(told.len(), 1);
+        let behind = |line: Unwelded| Unwelded { air: vec![Vector3::x(); 21], ..line };
+        let both = super::told(vec![line(0.0, 100.0), behind(line(20.0, 80.0))], vec![], &[], 1.2);
+        assert_eq!(both.len(), 2, "at the other side of a wall is another");
+        let besides = told_besides(both, &[line(20.0, 80.0), line(90.0, 140.0)], &[], 1.2);
+        assert_eq!(besides.len(), 3, "what runs on is told where it is alone");
         let cut = super::told(vec![line(40.0, 60.0), line(0.0, 100.0)], vec![], &[], 1.2);
         assert_eq!(cut.len(), 3);
         for part in &cut[1..] {

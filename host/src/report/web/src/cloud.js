@@ -1,15 +1,16 @@
 // The points: one draw call a layer; every colouring is done by the graphics card, so a change costs nothing.
 
 import * as THREE from "three";
-import { content, viewColour } from "./content.js";
+import { BORDERS, content, viewColour } from "./content.js";
 
 const VERTEX = `
 precision highp float;
 precision highp int;
 in vec4 position;
 in vec4 detail;
+in vec2 segment;
 uniform mat4 modelViewMatrix, projectionMatrix;
-uniform vec3 low, up, views[10], ramp[6];
+uniform vec3 low, up, views[10], borders[7], ramp[6];
 uniform float radius, span, unfiltered, size_mm, px_at_1mm, least_px, full, gate, moved_mm;
 uniform vec2 heights;
 uniform int colouring;
@@ -40,6 +41,11 @@ void main() {
   else if (colouring == 1) colour = intensity < gate ? plain * (0.75 + 0.25 * intensity / gate) : onRamp(0.35 + 0.65 * (intensity - gate) / (0.5 * full - gate));
   else if (colouring == 2) colour = n * 0.5 + 0.5;
   else if (colouring == 3) colour = views[view % 10];
+  else if (colouring == 5) {
+    int surface = int(segment.x * 255.0 + 0.5), border = int(segment.y * 255.0 + 0.5);
+    vec3 own = surface == 0 ? plain : mix(views[(surface - 1) % 10], vec3(1.0), 0.35 + 0.12 * float((surface - 1) / 10 % 3));
+    colour = border == 0 ? own : borders[border - 1];
+  }
   else colour = moved < 0.0 ? mix(plain, vec3(0.15, 0.45, 0.95), min(-moved / moved_mm, 1.0)) : mix(plain, vec3(0.95, 0.45, 0.1), min(moved / moved_mm, 1.0));
   // What is not the work steps back.
   colour = mix(colour, plain, 0.72 * smoothstep(1.1 * radius, 1.5 * radius, length(p)));
@@ -63,6 +69,7 @@ const rgb = (css) => new THREE.Color().setStyle(css, THREE.LinearSRGBColorSpace)
 export const shared = {
   up: { value: new THREE.Vector3(...content.up) },
   views: { value: Array.from({ length: 10 }, (_, k) => rgb(viewColour(k))) },
+  borders: { value: BORDERS.map(([, css]) => rgb(css)) },
   ramp: { value: content.ramp.map((c) => new THREE.Vector3(...c.map((v) => v / 255))) },
   heights: { value: new THREE.Vector2(...content.heights_mm) },
   full: { value: content.intensity_full },
@@ -79,6 +86,7 @@ export function pointsOf(layer, centre, size_mm, least_px) {
   const geometry = new THREE.BufferGeometry();
   geometry.setAttribute("position", new THREE.BufferAttribute(layer.positions, 4, true));
   geometry.setAttribute("detail", new THREE.BufferAttribute(layer.attributes, 4, true));
+  geometry.setAttribute("segment", new THREE.BufferAttribute(layer.surfaces, 2, true));
   const low = new THREE.Vector3(...layer.low_mm).sub(centre);
   const own = { low: { value: low }, span: { value: 65535 * layer.step_mm }, size_mm: { value: size_mm }, least_px: { value: least_px } };
   const material = new THREE.RawShaderMaterial({

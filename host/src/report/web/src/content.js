@@ -24,6 +24,7 @@ export function layers(element) {
     ...meta,
     positions: new Uint16Array(block, meta.positions_at, 4 * meta.count),
     attributes: new Uint8Array(block, meta.attributes_at, 4 * meta.count),
+    surfaces: new Uint8Array(block, meta.surfaces_at, 2 * meta.count),
   };
   return { model: layer(content.clouds.model), raw: layer(content.clouds.raw) };
 }
@@ -46,6 +47,8 @@ export function takeContent(next) {
 
 const COLOURS = ["#4269d0", "#efb118", "#ff725c", "#6cc5b0", "#9c6b4e", "#a463f2", "#97bbf5", "#3ca951", "#ff8ab7", "#9498a0"];
 export const viewColour = (k) => COLOURS[k % COLOURS.length];
+// Borders of surfaces, in the order of their numbers in the block, from 1.
+export const BORDERS = [["inside", "#e63946"], ["outside", "#2454d6"], ["tangent", "#6b7785"], ["step", "#d633c8"], ["edge", "#101418"], ["hidden", "#7a4a12"], ["unseen", "#f2c500"]];
 
 // Unit of a key by its ending; every number of the summary names its unit.
 const UNITS = [["_mm_s", "mm/s"], ["_mm2", "mm²"], ["_mm", "mm"], ["_deg", "°"], ["_rad", "rad"], ["_kg", "kg"], ["_s", "s"]];

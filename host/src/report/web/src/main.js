@@ -1,7 +1,7 @@
 // The page: joins the numbers, the picture and the player.
 
 import { $, el, svg } from "./dom.js";
-import { content, deviation, duration, layers, number, place, seams, takeContent, viewColour } from "./content.js";
+import { BORDERS, content, deviation, duration, layers, number, place, seams, takeContent, viewColour } from "./content.js";
 import { Scene } from "./scene.js";
 import { readProgram, torchAt, total_s, waypoints, weldOf, welds } from "./program.js";
 import * as panel from "./panel.js";
@@ -14,7 +14,7 @@ let tags = [];
 // What a link or a test may ask for: #seam=2&colour=intensity&cloud=raw&look=top&theme=dark&t=12&show=cameras
 const wish = new URLSearchParams(location.hash.slice(1));
 
-const COLOURINGS = ["height", "intensity", "normals", "view", "filter"];
+const COLOURINGS = ["height", "intensity", "normals", "view", "filter", "surfaces"];
 const CLOUDS = ["model", "unfiltered", "raw"];
 // What can be hidden, and whether it is shown at first.
 const SHOWN = [["unwelded", true], ["frames", true], ["way", true], ["torch", true], ["arm", true], ["truth", true], ["cameras", false]];
@@ -147,6 +147,8 @@ function legend() {
     () => [TEXTS.legend.normals, el("div", { class: "keys" }, key("#ff8080", "x"), key("#80ff80", "y"), key("#8080ff", "z"))],
     () => [TEXTS.legend.view, el("div", { class: "keys" }, (used().length ? used().slice(0, 10) : [{ name: TEXTS.theCloud }]).map((v, k) => key(viewColour(k), v.name)))],
     () => [TEXTS.legend.filter, ramp(["#2673f2", "#8b98a8", "#f27319"], TEXTS.below(number(filterScale())), TEXTS.above(number(filterScale())))],
+    () => [TEXTS.legend.surfaces(...["plane", "cylinder", "freeform"].map((shape) => content.surfaces.filter((s) => s.shape === shape).length)),
+      el("div", { class: "keys" }, BORDERS.map(([border, css]) => key(css, TEXTS.borders[border])))],
   ];
   const arm = scene.groups.arm && content.arm;
   $("legend").replaceChildren(...parts[state.colouring]().flat(),

@@ -51,7 +51,7 @@ export const TEXTS = /* @__PURE__ */ texts("TEXTS", {
   cloud: "cloud",
   clouds: { model: "denoised", unfiltered: "before the filter", raw: "raw scan" },
   colourBy: "colour by",
-  colourings: { height: "height", intensity: "edge intensity", normals: "normals", view: "view", filter: "work of the filter" },
+  colourings: { height: "height", intensity: "edge intensity", normals: "normals", view: "view", filter: "work of the filter", surfaces: "surfaces and borders" },
   show: "show",
   shown: { unwelded: "other corners", frames: "torch frames", way: "air moves", torch: "torch", arm: "robot", truth: "truth (white)", cameras: "cameras" },
   looks: { home: "⌂", top: "top", front: "front", side: "side" },
@@ -72,6 +72,10 @@ export const TEXTS = /* @__PURE__ */ texts("TEXTS", {
   seamTitle: (id, joint) => `Seam ${id}: ${joint}`,
   legend: {
     height: "Height, mm", intensity: "Edge intensity", normals: "Normals", view: "Seen by (nearest raw point)", filter: "Removed by the filter, mm",
+    surfaces: (flat, round, other) => `Surfaces: ${flat} flat, ${round} round, ${other} others. Their borders:`,
+  },
+  borders: {
+    inside: "inside corner", outside: "outside corner", tangent: "goes on", step: "low step", edge: "edge", hidden: "hidden beyond", unseen: "nothing measured beyond",
   },
   flat: (gate) => `0 … ${gate} flat`,
   andMore: (full) => `${full} and more`,
