@@ -8,6 +8,7 @@
 //! | [`refine`] | each chain fitted anew to the raw points, below the voxel | ours |
 //! | [`measure`] | kind of joint, fit-up, and how well the seam was seen | ours |
 //! | [`extraction`] | the rooms in a row: seams of a cloud | II-E, and beyond it |
+//! | [`segmentation`] | surfaces and their borders, for whoever looks at the scan | ours |
 //! | [`asked`] | a seam that the search passed over, where a person clicked | ours |
 //! | [`drawn`] | a line that a person draws on the surface | ours |
 //! | [`facets`] | seams of a mesh, from its facets | ours |
@@ -27,6 +28,7 @@ pub mod input;
 pub(crate) mod joined;
 pub mod measure;
 mod ordering;
+mod radius;
 pub mod refine;
 mod rounded;
 pub mod score;
@@ -123,6 +125,8 @@ pub enum Contact {
     Held,
     /// The work rests there on a table: one view does not tell the two from a web on its plate.
     Table,
+    /// The faces turn into each other over a radius: of a rolled or bent section, or of a finished bead.
+    Radius,
 }
 
 impl Contact {
@@ -136,6 +140,10 @@ impl Contact {
             Self::Table => {
                 "it may be where the work rests on the table: one of its faces extends beyond the other part on all sides, or out of \
                  the picture below it, and nothing was seen close below"
+            }
+            Self::Radius => {
+                "it may be the inside radius of a rolled or bent section, or a finished bead: its faces turn into each other over some \
+                 millimetres, and other corners of the scan are sharp"
             }
         }
     }

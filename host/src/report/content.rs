@@ -11,7 +11,7 @@ use weldpath_job::output::arm::ArmDrawing;
 use weldpath_job::output::summary::Summary;
 use weldpath_method::pipeline::{Method, Plan};
 use weldpath_method::seam::Seam;
-use weldpath_method::seam::segmentation::Surface;
+use weldpath_method::seam::segmentation::{Shape, Surface};
 use weldpath_method::weld::air;
 use weldpath_method::weld::program::{Kind, Waypoint};
 
@@ -99,7 +99,7 @@ struct Content<'a> {
     outline_mm: Vec<[f64; 3]>,
     clouds: Clouds,
     intensity_full: f32,
-    surfaces: &'a [Surface],
+    surfaces: Vec<SurfaceRow>,
     cameras_mm: Vec<[f64; 3]>,
     seams: Vec<SeamLine>,
     waypoints: Vec<Row>,
@@ -120,6 +120,14 @@ struct SeamLine {
     closed: bool,
     colour: String,
     line_mm: Vec<[f64; 3]>,
+}
+
+#[derive(Serialize)]
+struct SurfaceRow {
+    shape: &'static str,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    radius_mm: Option<f64>,
+    deviation_mm: f64,
 }
 
 /// x, y, z, w, x, y, z of the quaternion, feed, seam or 0, kind.
@@ -168,7 +176,7 @@ pub(super) fn document(run: &Run, scene: &Scene) -> (String, Vec<u8>) {
         outline_mm: scene.outline_mm.iter().map(|&p| rounded(p.into())).collect(),
         clouds,
         intensity_full: INTENSITY_FULL,
-        surfaces: &recording.surfaces,
+        surfaces: recording.surfaces.iter().map(surface_row).collect(),
         cameras_mm: recording.cameras_mm.iter().map(|&c| c.into()).collect(),
         seams: plan.seams.iter().map(seam_line).collect(),
         waypoints: shown.iter().map(|&i| row(&waypoints[i])).collect(),
@@ -195,6 +203,15 @@ fn histograms<'a>(run: &Run<'a>) -> Histograms<'a> {
             .filter_map(|(label, name)| Some((*label, derived(name)?)))
             .collect(),
     }
+}
+
+fn surface_row(surface: &Surface) -> SurfaceRow {
+    let (shape, radius_mm) = match surface.shape {
+        Shape::Plane => ("plane", None),
+        Shape::Cylinder { radius_mm } => ("cylinder", Some(f64::from(radius_mm))),
+        Shape::Freeform => ("freeform", None),
+    };
+    SurfaceRow { shape, radius_mm, deviation_mm: surface.deviation_mm.into() }
 }
 
 fn seam_line(seam: &Seam) -> SeamLine {

@@ -29,6 +29,7 @@ mod real_data;
 mod refit;
 mod scan_direction;
 mod strays;
+mod surfaces;
 mod threads;
 mod touch;
 mod welding;

@@ -35,7 +35,7 @@
   if (typeof weldpath !== "undefined" && weldpath.scene) {
     answer.first = await picture();
     answer.pictures = [];
-    for (const k of [0, 1, 2, 3, 4]) {
+    for (const k of [0, 1, 2, 3, 4, 5]) {
       change($("colour-by"), String(k), "change");
       answer.pictures.push((await picture()).sum);
       answer.legend = (answer.legend ?? []).concat($("legend").textContent);

@@ -24,7 +24,7 @@ use weldpath_tests::command::weldpath;
 use weldpath_tests::plans;
 
 /// Bytes of a point in the page.
-const POINT_BYTES: usize = 12;
+const POINT_BYTES: usize = 14;
 const MANY: usize = 300_000;
 
 /// The pipe of [`plans::pipe_and_bend`] and the plate it stands on, as `count` points.
@@ -158,6 +158,24 @@ fn points_in_the_page_lie_on_the_pipe_or_the_plate() {
         let off_mm = if i % 3 == 0 { (x.hypot(y) - 20.0).abs() } else { z.abs() };
         assert!(off_mm < 0.02, "point {i}: {x} {y} {z}");
         assert!((steps(3) - 32_768.0 - 150.0).abs() <= 1.0, "the filter moved it by 0.15 mm");
+    }
+}
+
+#[test]
+fn surfaces_in_the_page_are_the_pipe_and_the_plate() {
+    let [page, _] = report(&plan(60_000), "");
+    let content = content(&page);
+    let surfaces = content["surfaces"].as_array().unwrap();
+    let round = surfaces.iter().position(|surface| surface["shape"] == "cylinder").expect("the pipe");
+    assert!((surfaces[round]["radius_mm"].as_f64().unwrap() - 20.0).abs() < 0.1, "{surfaces:?}");
+    assert_eq!(surfaces[0]["shape"], "plane");
+    let bytes = STANDARD.decode(block(&page, "points")).unwrap();
+    let at = content["clouds"]["model"]["surfaces_at"].as_u64().unwrap() as usize;
+    let number = |i: usize| usize::from(bytes[at + 2 * i]);
+    for (first, surface) in [(0, round), (1, 0)] {
+        let all = (first..60_000).step_by(3);
+        let of_it = all.clone().filter(|&i| number(i) == 1 + surface).count();
+        assert!(of_it as f64 > 0.95 * all.count() as f64, "{of_it} points of surface {surface}");
     }
 }
 

@@ -95,7 +95,7 @@ fn another_language_leaves_no_english_in_the_report() {
     assert_eq!(browser.evaluate("document.documentElement.lang"), "de");
     let data = browser.evaluate(DATA);
     let data = data.as_str().unwrap();
-    for colouring in 0..5 {
+    for colouring in 0..6 {
         browser.evaluate(&format!(
             "(() => {{ const choice = document.getElementById('colour-by'); choice.value = '{colouring}'; choice.dispatchEvent(new Event('change')); }})()"
         ));

@@ -174,6 +174,7 @@ impl ScaleSearch<'_> {
                     nearest().is_some_and(|(slot, _)| !unknown[surface.index.index(slot)])
                 })
             };
+            found.mark_radii(&surface);
             found.tell_borders(&surfaces, &surface, &self.config.seam.trace, is_sided);
             *segmentation = Some(Arc::new(surfaces));
         });

@@ -60,7 +60,6 @@ pub struct Segmentation {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Surface {
     /// What it is.
-    #[serde(flatten)]
     pub shape: Shape,
     /// How far its points scatter about the shape: one standard deviation, mm.
     pub deviation_mm: f32,
@@ -68,7 +67,6 @@ pub struct Surface {
 
 /// What a surface is.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case", tag = "shape")]
 pub enum Shape {
     /// A plane.
     Plane,
@@ -91,8 +89,7 @@ pub struct Place {
 }
 
 /// How a surface ends.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Border {
     /// In an inside corner with another.
     Inside,

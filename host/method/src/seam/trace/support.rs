@@ -68,8 +68,9 @@ const MOST_TWICE: f32 = 0.3;
 /// A layer over the table ends halfway to it.
 const HALFWAY: f32 = 0.5;
 
-/// Largest half thickness of a table, voxels.
+/// Largest half thickness of a table, voxels, and where that is more, mm: three standard deviations of the waves of a stereo camera.
 const FLAT_VOXELS: f32 = 2.5;
+const WAVED_MM: f32 = 6.0;
 
 /// Largest share of the spread of a table's normals that goes with the place: noise leaves none, a tube nearly all.
 const MOST_CURVED: f32 = 0.4;
@@ -242,7 +243,7 @@ fn along(voxels: &Voxels, direction: &Vector3<f32>) -> Option<Support> {
 /// The lowest large plane about normal to `direction`. A curved or rough surface is none.
 fn lowest(voxels: &Voxels, direction: &Vector3<f32>) -> Option<Support> {
     let support = lowest_layer(voxels, direction)?;
-    let flat = support.half_mm <= FLAT_VOXELS * voxels.edge_mm && !is_curved(voxels, &support);
+    let flat = support.half_mm <= WAVED_MM.max(FLAT_VOXELS * voxels.edge_mm) && !is_curved(voxels, &support);
     (flat && support.share > LEAST_SHARE).then_some(support)
 }
 
