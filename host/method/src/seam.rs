@@ -33,7 +33,7 @@ pub mod refine;
 mod rounded;
 pub mod score;
 pub mod segmentation;
-mod surfaces;
+pub(crate) mod surfaces;
 pub mod trace;
 mod unwelded;
 

@@ -16,6 +16,7 @@ use crate::seam::drawn;
 use crate::seam::joined::CLEARLY;
 use crate::seam::score::{edges, paper};
 use crate::seam::segmentation::Segmentation;
+use crate::seam::surfaces::Surfaces;
 use crate::seam::trace::support;
 use crate::seam::{Cues, Found, INDEX_VOXELS, Input, RawScan, Seam, SurfaceModel, extraction};
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -56,7 +57,9 @@ pub(super) struct ScaleResult {
     pub scale: Scale,
     pub model: Arc<Model>,
     pub found: Found,
-    /// The surfaces of the model, where the corners between them were asked for.
+    /// The flat faces of the model, where they were asked for.
+    surfaces: Arc<Surfaces>,
+    /// Its surfaces, where the corners between them were asked for.
     pub segmentation: Option<Arc<Segmentation>>,
     cues: Cues,
 }
@@ -162,10 +165,10 @@ impl ScaleSearch<'_> {
         if self.method != Method::Weldpath || self.mesh().is_some() {
             return;
         }
-        let ScaleResult { model, found, segmentation, .. } = result;
+        let ScaleResult { model, found, surfaces, segmentation, .. } = result;
         stages.time("seam", || {
             let surface = model.surface();
-            let surfaces = Segmentation::of(&surface);
+            let segmented = Segmentation::with(&surface, surfaces);
             let is_sided = |place: &Point3<f32>| {
                 let reach_mm = SIDED_VOXELS * surface.voxel_mm();
                 let unknown = model.oriented.as_ref().map(|oriented| &oriented.unknown);
@@ -175,8 +178,8 @@ impl ScaleSearch<'_> {
                 })
             };
             found.mark_radii(&surface);
-            found.tell_borders(&surfaces, &surface, &self.config.seam.trace, is_sided);
-            *segmentation = Some(Arc::new(surfaces));
+            found.tell_borders(&segmented, &surface, &self.config.seam.trace, is_sided);
+            *segmentation = Some(Arc::new(segmented));
         });
     }
 
@@ -250,22 +253,26 @@ impl ScaleSearch<'_> {
                 format!("{count} voxels are too few for two faces; at least {MIN_POINTS} are needed");
             return Err(no_seam(reason));
         }
-        let mut found = stages.stage("seam", || match self.method {
+        let (mut found, surfaces) = stages.stage("seam", || match self.method {
             Method::Weldpath => {
                 let scan = RawScan { table_shown: model.table_shown, ..self.raw_scan() };
                 let cues = Cues { steps: cues.steps || model.table_shown, ..cues };
                 let input = Input::new(scan, model.surface(), model.scene().0, cues);
-                match self.mesh() {
+                let found = match self.mesh() {
                     Some((mesh, pose)) => extraction::find_in_mesh(&input, mesh, pose),
                     None => extraction::find(&input, &self.config.seam),
-                }
+                };
+                (found, input.into_surfaces())
             }
-            Method::Paper => paper::find(&model.surface(), self.config.ratio_threshold),
+            Method::Paper => {
+                (paper::find(&model.surface(), self.config.ratio_threshold), Surfaces::default())
+            }
         });
         if let Some(oriented) = &model.oriented {
             found.only_oriented(oriented, &model.surface());
         }
-        Ok(ScaleResult { scale: *scale, model: Arc::new(model), found, segmentation: None, cues })
+        let (model, surfaces) = (Arc::new(model), Arc::new(surfaces));
+        Ok(ScaleResult { scale: *scale, model, found, surfaces, segmentation: None, cues })
     }
 
     /// The cloud thinned to voxels of one size, filtered, and indexed.

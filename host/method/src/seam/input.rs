@@ -30,6 +30,11 @@ impl<'a> Input<'a> {
         Self { scan, model, scene, cues, surfaces: Surfaces::default() }
     }
 
+    /// What was sought of the model's surfaces.
+    pub(crate) fn into_surfaces(self) -> Surfaces {
+        self.surfaces
+    }
+
     /// The flat faces of the model.
     pub(crate) fn faces(&self) -> &[Face] {
         self.surfaces.faces(&self.model)

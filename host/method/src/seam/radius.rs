@@ -5,6 +5,7 @@
 
 use super::input::SurfaceModel;
 use super::{Contact, Found, Seam, Station, Unwelded, WhyUnwelded};
+use crate::geometry::statistics::median;
 use nalgebra::{Point3, Vector3};
 
 /// How far from a corner the surface between its faces is sought, voxels.
@@ -45,15 +46,18 @@ impl Rounded {
             else {
                 continue;
             };
-            let off = (model.index.point(slot) - about).cast::<f64>();
+            let depth_mm = (model.index.point(slot) - about).norm();
+            let is_between = |slot: usize| {
+                let off = (model.index.point(slot) - about).cast::<f64>();
+                off.dot(&air) > BETWEEN * off.norm() * air.norm()
+            };
+            between +=
+                usize::from(model.index.nearest(&about, depth_mm + model.voxel_mm(), is_between).is_some());
+            depths_mm.push(f64::from(depth_mm));
             // The sum is twice the sine of half the included angle.
-            let half_sine = 0.5 * air.norm();
-            depths_mm.push(off.norm());
-            shares.push(1.0 / half_sine - 1.0);
-            between += usize::from(off.dot(&air) > BETWEEN * off.norm() * air.norm());
+            shares.push(2.0 / air.norm() - 1.0);
         }
-        let share = crate::geometry::statistics::median(&mut shares);
-        let depth_mm = crate::geometry::statistics::median(&mut depths_mm);
+        let (share, depth_mm) = (median(&mut shares), median(&mut depths_mm));
         let is_seen = 2 * between > depths_mm.len();
         (share > LEAST_SHARE).then(|| Self { length_mm, radius_mm: depth_mm / share, share, is_seen })
     }

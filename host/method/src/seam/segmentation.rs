@@ -1,5 +1,5 @@
-//! The surfaces of a model, and what their borders are (ours): a picture of what was seen, for whoever looks at it. No seam is decided
-//! by it.
+//! The surfaces of a model, and what their borders are (ours): a picture of what was seen, for whoever looks at it. No seam is found
+//! or left out by it; the corners that make no seam are named.
 //!
 //! Flat faces are those of [`surfaces`](super::surfaces). What is left is grown from point to point, and is a cylinder where one fits.
 //! What lies between two surfaces and is too narrow to be one, as what a camera makes of a sharp corner, is of the nearer of both.
@@ -10,11 +10,12 @@ mod rim;
 
 use super::implied;
 use super::input::SurfaceModel;
-use super::surfaces;
+use super::surfaces::{Face, Surfaces};
 use super::trace::chain::{self, TraceConfig, Traced};
 use super::trace::{Chain, InsideCorner};
 use crate::geometry::cloud::Merged;
 use crate::geometry::grid::Grid;
+use crate::geometry::statistics::rms;
 use cylinder::Cylinder;
 use growth::{Cloud, NONE};
 use nalgebra::{Point3, Vector3};
@@ -116,13 +117,20 @@ impl Border {
 impl Segmentation {
     /// Of a model.
     pub fn of(model: &SurfaceModel) -> Self {
+        Self::with(model, &Surfaces::default())
+    }
+
+    /// Of a model of which these are the flat faces.
+    pub(crate) fn with(model: &SurfaceModel, surfaces: &Surfaces) -> Self {
         let (index, voxel_mm) = (model.index, model.voxel_mm());
-        let faces = surfaces::grown(model);
+        let faces = surfaces.faces(model);
         let mut of = vec![NONE; index.len()];
         for (face, k) in faces.iter().zip(0..) {
             face.members().iter().for_each(|&point| of[point] = k);
         }
         let normals = index.by_slot(&model.cloud.normals);
+        let cloud = Cloud { index, normals: &normals, voxel_mm };
+        let mut of = index.by_slot(&of);
         let mut shapes: Vec<Fitted> =
             faces.iter().map(|face| Fitted::plane(face, &model.voxels.cloud.points_mm)).collect();
         let squares = faces
@@ -132,27 +140,26 @@ impl Segmentation {
         let members: usize = faces.iter().map(|face| face.members().len()).sum();
         let flat_mm = (squares.sum::<f32>() / members.max(1) as f32).sqrt();
         let most_mm = (AS_FLAT * flat_mm).max(LEAST_DEVIATION_VOXELS * voxel_mm);
-        let cloud = Cloud { index, normals: &normals, voxel_mm };
-        let mut of = index.by_slot(&of);
         for slots in cloud.regions(&mut of, shapes.len() as u32) {
             shapes.push(Fitted::round(&slots, &cloud, most_mm));
         }
         of = settled(&of, &shapes, &cloud);
         let mut known = of.clone();
         cloud.spread(&mut of);
-        let numbers = one_each(&mut shapes, &known, &cloud.beside(&of), &cloud, most_mm);
+        let beside = cloud.beside(&of, &cloud.mixed(&of));
+        let numbers = one_each(&mut shapes, &known, &pairs(&beside, &of), &cloud, most_mm);
         [&mut of, &mut known].into_iter().for_each(|labels| {
             labels.iter_mut().filter(|of| **of != NONE).for_each(|of| *of = numbers[*of as usize]);
         });
-        let waves = surfaces::waves(&faces, model);
-        let corner_rad = CORNER_DEG.to_radians().max(WAVES * waves.lean_rad);
+        let corner_rad = CORNER_DEG.to_radians().max(WAVES * surfaces.waves(model).lean_rad);
         let step_mm = (STEP_VOXELS * voxel_mm).max(WAVES * flat_mm);
         let is_wide = &wide(&known, shapes.len(), &cloud);
         let meeting =
             Meeting { cloud: &cloud, shapes: &shapes, of: &of, known: &known, is_wide, corner_rad, step_mm };
-        let met: Vec<_> = (0..index.len()).into_par_iter().map(|slot| meeting.at(slot)).collect();
-        let corners = met.iter().filter_map(|met| met.as_ref()?.1).collect();
-        let borders = met.into_iter().map(|met| Some(met?.0)).collect();
+        let met: Vec<_> = beside.into_par_iter().map(|(slot, next)| (slot, meeting.at(slot, next))).collect();
+        let corners = met.iter().filter_map(|(_, met)| met.as_ref()?.1).collect();
+        let mut borders = vec![None; index.len()];
+        met.into_iter().for_each(|(slot, met)| borders[slot] = met.map(|(border, _)| border));
         Self { shapes, of, borders, corners }
     }
 
@@ -223,16 +230,29 @@ fn settled(of: &[u32], shapes: &[Fitted], cloud: &Cloud) -> Vec<u32> {
 
 /// Which surfaces are wider than what a camera makes of a corner or an edge.
 fn wide(of: &[u32], count: usize, cloud: &Cloud) -> Vec<bool> {
-    let mut slots = vec![Vec::new(); count];
-    of.iter()
-        .enumerate()
-        .filter(|(_, of)| **of != NONE)
-        .for_each(|(slot, of)| slots[*of as usize].push(slot));
+    let slots = by_surface(of, count);
     slots.iter().map(|slots| !slots.is_empty() && cloud.is_wide(slots)).collect()
 }
 
-/// Takes surfaces that are parts of another beside them to that, and gives the number of each. `beside` are pairs of neighbours, both ways
-/// round and in order.
+/// Which surfaces have points next to each other: each pair once each way round, in order.
+fn pairs(beside: &[(usize, usize)], of: &[u32]) -> Vec<(u32, u32)> {
+    let both = beside.iter().flat_map(|&(slot, next)| [(of[slot], of[next]), (of[next], of[slot])]);
+    let mut pairs: Vec<_> = both.collect();
+    pairs.sort_unstable();
+    pairs.dedup();
+    pairs
+}
+
+/// The slots of each of so many surfaces.
+fn by_surface(of: &[u32], count: usize) -> Vec<Vec<usize>> {
+    let mut slots = vec![Vec::new(); count];
+    let known = of.iter().enumerate().filter(|(_, of)| **of != NONE);
+    known.for_each(|(slot, of)| slots[*of as usize].push(slot));
+    slots
+}
+
+/// Takes surfaces that are parts of another beside them to that, and gives the new number of each old one. `beside` are pairs of neighbours,
+/// both ways round and in order.
 fn one_each(
     shapes: &mut Vec<Fitted>,
     of: &[u32],
@@ -240,11 +260,7 @@ fn one_each(
     cloud: &Cloud,
     most_mm: f32,
 ) -> Vec<u32> {
-    let mut slots = vec![Vec::new(); shapes.len()];
-    of.iter()
-        .enumerate()
-        .filter(|(_, of)| **of != NONE)
-        .for_each(|(slot, of)| slots[*of as usize].push(slot));
+    let slots = by_surface(of, shapes.len());
     let mut largest: Vec<usize> = (0..shapes.len()).collect();
     largest.sort_by_key(|&k| std::cmp::Reverse(slots[k].len()));
     let mut whole: Vec<usize> = (0..shapes.len()).collect();
@@ -290,10 +306,10 @@ enum Form {
 }
 
 impl Fitted {
-    fn plane(face: &surfaces::Face, points_mm: &[Point3<f32>]) -> Self {
+    fn plane(face: &Face, points_mm: &[Point3<f32>]) -> Self {
         let off_mm = |&k: &usize| f64::from(face.height_mm(&points_mm[k]));
         let off_mm: Vec<f64> = face.members().iter().map(off_mm).collect();
-        let deviation_mm = crate::geometry::statistics::rms(&off_mm).unwrap_or_default() as f32;
+        let deviation_mm = rms(&off_mm).unwrap_or_default() as f32;
         Self { form: Form::Plane(face.normal, face.level_mm), deviation_mm }
     }
 
@@ -375,13 +391,12 @@ struct Meeting<'a> {
 }
 
 impl Meeting<'_> {
-    /// How the surface of a point ends at the nearest other beside it, and where that is, if it may be a joint.
-    fn at(&self, slot: usize) -> Option<(Border, Option<InsideCorner>)> {
+    /// How the surface of a point ends at another that was the nearest beside it, and where that is, if it may be a joint.
+    fn at(&self, slot: usize, next: usize) -> Option<(Border, Option<InsideCorner>)> {
         let own = self.of[slot];
-        if own == NONE {
-            return None;
-        }
-        let next = self.cloud.nearest(slot, |next| self.of[next] != NONE && self.of[next] != own)?;
+        // Both may have become one.
+        let is_other = |next: usize| self.of[next] != NONE && self.of[next] != own;
+        let next = if is_other(next) { next } else { self.cloud.nearest(slot, is_other)? };
         let other = self.of[next];
         let place = nalgebra::center(&self.cloud.index.point(slot), &self.cloud.index.point(next));
         let [mut near, mut beyond] = [Near::default(); 2];

@@ -108,7 +108,7 @@ pub struct Waves {
 
 /// The faces of a model: sought where they are first asked for.
 #[derive(Debug, Default)]
-pub(super) struct Surfaces {
+pub(crate) struct Surfaces {
     faces: OnceLock<Vec<Face>>,
     waves: OnceLock<Waves>,
 }
@@ -175,7 +175,7 @@ fn patches(model: &SurfaceModel) -> (Vec<Patch>, Vec<u32>) {
 }
 
 /// The flat faces of a model, grown from patch to patch, the fullest first.
-pub(super) fn grown(model: &SurfaceModel) -> Vec<Face> {
+fn grown(model: &SurfaceModel) -> Vec<Face> {
     let (patches, of) = patches(model);
     let most_mm = HEIGHT_VOXELS * model.voxel_mm();
     let mut by_cell: Vec<([usize; 3], usize)> = (0..patches.len()).map(|k| (patches[k].cell, k)).collect();
@@ -229,7 +229,7 @@ pub(super) fn grown(model: &SurfaceModel) -> Vec<Face> {
 }
 
 /// A cell and those about it: from which to which, in order.
-fn around([x, y, z]: [usize; 3]) -> [[[usize; 3]; 2]; 9] {
+pub(super) fn around([x, y, z]: [usize; 3]) -> [[[usize; 3]; 2]; 9] {
     std::array::from_fn(|k| {
         // Cells before the first are none.
         let [x, y] = [(x + k % 3).wrapping_sub(1), (y + k / 3).wrapping_sub(1)];
@@ -248,7 +248,7 @@ fn fitted(mut places: impl Iterator<Item = Vector3<f32>>, facing: &Vector3<f32>)
     (normal, normal.dot(&(from + plane.mean)))
 }
 
-pub(super) fn waves(faces: &[Face], model: &SurfaceModel) -> Waves {
+fn waves(faces: &[Face], model: &SurfaceModel) -> Waves {
     let parts: Vec<Part> = faces.iter().flat_map(|face| parts(face, model)).collect();
     if parts.len() < LEAST_PARTS {
         return Waves::default();

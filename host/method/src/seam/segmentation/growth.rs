@@ -2,8 +2,10 @@
 
 use super::{Grid, NEXT_VOXELS};
 use crate::seam::implied;
+use crate::seam::surfaces::around;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Which surface a point is of: none.
 pub(super) const NONE: u32 = u32::MAX;
@@ -82,17 +84,35 @@ impl Cloud<'_> {
         slots.len() as f32 * self.voxel_mm * self.voxel_mm > implied::gap_mm(self.voxel_mm) * length_mm
     }
 
-    /// Which surfaces are next to each other: each pair once each way round, in order.
-    pub(super) fn beside(&self, of: &[u32]) -> Vec<(u32, u32)> {
-        let pair = |slot: usize| {
-            let own = of[slot];
-            let other = self.nearest(slot, |next| of[next] != NONE && of[next] != own)?;
-            (own != NONE).then_some([(own, of[other]), (of[other], own)])
+    /// The slots in cells that hold points of several surfaces, or have such beside them: where points may be next to another.
+    pub(super) fn mixed(&self, of: &[u32]) -> Vec<usize> {
+        let cells: Vec<_> = self.index.occupied().map(|(cell, slots)| (cell.at, slots)).collect();
+        let one = |slots: &Range<usize>| {
+            let first = of[slots.start];
+            of[slots.clone()].iter().all(|of| *of == first).then_some(first)
         };
-        let mut pairs: Vec<_> = (0..of.len()).into_par_iter().filter_map(pair).flatten_iter().collect();
-        pairs.sort_unstable();
-        pairs.dedup();
-        pairs
+        let mut by_place: Vec<_> = cells.iter().map(|(at, slots)| (*at, one(slots))).collect();
+        by_place.sort_unstable_by_key(|(at, _)| *at);
+        let is_mixed = |(at, slots): &([usize; 3], Range<usize>)| {
+            let own = one(slots);
+            own.is_none()
+                || around(*at).iter().any(|[low, high]| {
+                    let from = by_place.partition_point(|(at, _)| at < low);
+                    by_place[from..].iter().take_while(|(at, _)| at <= high).any(|(_, other)| *other != own)
+                })
+        };
+        cells.into_iter().filter(is_mixed).flat_map(|(_, slots)| slots).collect()
+    }
+
+    /// Of these slots those next to another surface, and the nearest slot of that.
+    pub(super) fn beside(&self, of: &[u32], slots: &[usize]) -> Vec<(usize, usize)> {
+        let next = |&slot: &usize| {
+            let own = of[slot];
+            let other =
+                (own != NONE).then(|| self.nearest(slot, |next| of[next] != NONE && of[next] != own))?;
+            Some((slot, other?))
+        };
+        slots.par_iter().filter_map(next).collect()
     }
 
     /// Gives points that are of no surface to the nearest, as far as half of what a camera may lose of a corner.

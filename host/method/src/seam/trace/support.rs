@@ -52,6 +52,8 @@ const HALF_DEVIATIONS: f32 = 3.0;
 /// Cosine within which a normal is of the same plane where their mean is its direction: 8 degrees, three standard deviations
 /// of the normals of thin noisy voxels.
 const ALIGNED: f32 = 0.99;
+/// Directions that have settled within this cosine of each other are one: a quarter of a degree.
+const ONE_DIRECTION: f32 = 0.999_99;
 /// Heights among which the lowest layer is sought, and points among which planes are, at most.
 const SAMPLE: usize = 5000;
 /// Two layers are told apart where the heights between them are spread this many times as thinly as in the lower one.
@@ -219,7 +221,7 @@ fn is_bare(cloud: &PointCloud, plane: &Support) -> bool {
     both.filter(is_under).count() as f32 <= MOST_BEHIND * cloud.len() as f32
 }
 
-/// Mean normals of the most common directions.
+/// The most common directions of normals.
 fn common_normals(normals: &[Vector3<f32>]) -> Vec<Vector3<f32>> {
     let mut bins = vec![(0usize, Vector3::zeros()); BINS * BINS * BINS];
     for n in normals {
@@ -229,7 +231,24 @@ fn common_normals(normals: &[Vector3<f32>]) -> Vec<Vector3<f32>> {
         *bin = (bin.0 + 1, bin.1 + n);
     }
     bins.sort_by_key(|b| std::cmp::Reverse(b.0));
-    bins.iter().take(DIRECTIONS).filter_map(|(_, sum)| sum.try_normalize(LEAST_LENGTH)).collect()
+    let means = bins.iter().take(DIRECTIONS).filter_map(|(_, sum)| sum.try_normalize(LEAST_LENGTH));
+    let mut directions: Vec<Vector3<f32>> = Vec::new();
+    for direction in means.filter_map(|mean| settled(normals, mean)) {
+        // Noise spreads the normals of one plane over several bins.
+        if directions.iter().all(|known| known.dot(&direction) < ONE_DIRECTION) {
+            directions.push(direction);
+        }
+    }
+    directions
+}
+
+/// The mean of the normals about a direction, sought again about itself.
+fn settled(normals: &[Vector3<f32>], mut direction: Vector3<f32>) -> Option<Vector3<f32>> {
+    for _ in 0..ROUNDS {
+        let aligned = normals.iter().filter(|n| n.dot(&direction) > ALIGNED);
+        direction = aligned.sum::<Vector3<f32>>().try_normalize(LEAST_LENGTH)?;
+    }
+    Some(direction)
 }
 
 /// The lowest large plane about normal to `direction`, if it has (almost) nothing behind it.
@@ -249,11 +268,7 @@ fn lowest(voxels: &Voxels, direction: &Vector3<f32>) -> Option<Support> {
 
 /// The plane fitted to the lowest layer of points that face about along `direction`.
 fn lowest_layer(voxels: &Voxels, direction: &Vector3<f32>) -> Option<Support> {
-    let mut normal = *direction;
-    for _ in 0..ROUNDS {
-        let aligned = voxels.cloud.normals.iter().filter(|n| n.dot(&normal) > ALIGNED);
-        normal = aligned.sum::<Vector3<f32>>().try_normalize(LEAST_LENGTH)?;
-    }
+    let mut normal = settled(&voxels.cloud.normals, *direction)?;
     let mut found = None;
     for _ in 0..ROUNDS {
         let support = fitted(voxels, &normal)?;
