@@ -47,9 +47,9 @@ use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use segmentation::Segmentation;
 use serde::{Deserialize, Serialize};
-use trace::InsideCorner;
 use trace::chain::TraceConfig;
 use trace::support::Support;
+use trace::{Chain, InsideCorner};
 
 /// Joint type of a seam; the names are the same in files, options and messages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
@@ -354,7 +354,8 @@ impl Found {
 }
 
 impl Found {
-    /// Tells the inside corners and low steps between surfaces that make no seam and are not told yet; `origin_mm` is that of the scan.
+    /// Tells the inside corners and low steps between surfaces that make no seam and are not told yet, but for those on the table: a table
+    /// that waves has many.
     pub(crate) fn tell_borders(
         &mut self,
         segmentation: &Segmentation,
@@ -362,21 +363,18 @@ impl Found {
         config: &TraceConfig,
         is_sided: impl Fn(&Point3<f32>) -> bool,
     ) {
-        let (origin_mm, had_none) = (model.cloud.origin_mm, self.unwelded.is_empty());
-        let is_on_table = |corner: &InsideCorner| {
+        let had_none = self.unwelded.is_empty();
+        let is_asked = |corner: &InsideCorner| {
             let is_face =
                 |table: &Support| corner.faces.iter().any(|face| table.is_face(face, &corner.position));
-            self.table.as_ref().is_some_and(is_face)
+            !self.table.as_ref().is_some_and(is_face) && is_sided(&corner.position)
         };
-        let lines = |on_table: bool, reason: WhyUnwelded| {
-            let asked = |corner: &InsideCorner| is_on_table(corner) == on_table && is_sided(&corner.position);
-            let mut chains = segmentation.lines(model, &config.faint(), asked);
-            chains.sort_by(|a, b| b.length_mm().total_cmp(&a.length_mm()));
-            chains.into_iter().map(move |chain| Unwelded::of_chain(&chain, &origin_mm, reason))
-        };
-        let more: Vec<_> = lines(false, WhyUnwelded::Unsure).chain(lines(true, WhyUnwelded::Table)).collect();
+        let mut chains = segmentation.lines(model, &config.faint(), is_asked);
+        chains.sort_by(|a, b| b.length_mm().total_cmp(&a.length_mm()));
+        let line = |chain: &Chain| Unwelded::of_chain(chain, &model.cloud.origin_mm, WhyUnwelded::Unsure);
+        let lines: Vec<_> = chains.iter().map(line).collect();
         let told = std::mem::take(&mut self.unwelded);
-        self.unwelded = unwelded::told_besides(told, &more, &self.seams, model.voxel_mm().into());
+        self.unwelded = unwelded::told_besides(told, &lines, &self.seams, model.voxel_mm().into());
         if let (true, true, Some(first)) = (had_none, self.seams.is_empty(), self.unwelded.first()) {
             self.reason.clone_from(&first.words);
         }

@@ -1,7 +1,7 @@
 //! The surfaces of a model, and what their borders are (ours): a picture of what was seen, for whoever looks at it. No seam is found
 //! or left out by it; the corners that make no seam are named.
 //!
-//! Flat faces are those of [`surfaces`](super::surfaces). What is left is grown from point to point, and is a cylinder where one fits.
+//! Flat faces are those of `surfaces`. What is left is grown from point to point, and is a cylinder where one fits.
 //! What lies between two surfaces and is too narrow to be one, as what a camera makes of a sharp corner, is of the nearer of both.
 
 mod cylinder;
