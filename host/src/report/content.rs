@@ -11,7 +11,7 @@ use weldpath_job::output::arm::ArmDrawing;
 use weldpath_job::output::summary::Summary;
 use weldpath_method::pipeline::{Method, Plan};
 use weldpath_method::seam::Seam;
-use weldpath_method::seam::segmentation::{Shape, Surface};
+use weldpath_method::seam::segmentation::{SeenSurface, SurfaceShape};
 use weldpath_method::weld::air;
 use weldpath_method::weld::program::{Kind, Waypoint};
 
@@ -205,11 +205,11 @@ fn histograms<'a>(run: &Run<'a>) -> Histograms<'a> {
     }
 }
 
-fn surface_row(surface: &Surface) -> SurfaceRow {
+fn surface_row(surface: &SeenSurface) -> SurfaceRow {
     let (shape, radius_mm) = match surface.shape {
-        Shape::Plane => ("plane", None),
-        Shape::Cylinder { radius_mm } => ("cylinder", Some(f64::from(radius_mm))),
-        Shape::Freeform => ("freeform", None),
+        SurfaceShape::Plane => ("plane", None),
+        SurfaceShape::Cylinder { radius_mm } => ("cylinder", Some(f64::from(radius_mm))),
+        SurfaceShape::Freeform => ("freeform", None),
     };
     SurfaceRow { shape, radius_mm, deviation_mm: surface.deviation_mm.into() }
 }

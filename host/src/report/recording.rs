@@ -12,7 +12,7 @@ use weldpath_core::seam::RatioThreshold;
 use weldpath_method::geometry::cloud::{Merged, PointCloud};
 use weldpath_method::geometry::grid::Grid;
 use weldpath_method::pipeline::Evidence;
-use weldpath_method::seam::segmentation::{Segmentation, Surface};
+use weldpath_method::seam::segmentation::{SeenSurface, Segmentation};
 use weldpath_method::seam::{SurfaceModel, Unwelded};
 
 /// Most points of the model and of the raw scan in the page.
@@ -40,7 +40,7 @@ pub struct Recording {
     /// Inside corners that are seen and are no seams.
     pub(super) unwelded: Vec<Unwelded>,
     /// What surfaces the model shows, by their numbers.
-    pub(super) surfaces: Vec<Surface>,
+    pub(super) surfaces: Vec<SeenSurface>,
     pub(super) intensity: Histogram,
     pub(super) ratio: Histogram,
     pub(super) spacing_mm: Histogram,

@@ -6,7 +6,7 @@ use nalgebra::{Point3, Vector3};
 use weldpath::geometry::grid::Grid;
 use weldpath::pipeline::{Config, Evidence, Observer, plan};
 use weldpath::seam::SurfaceModel;
-use weldpath::seam::segmentation::{Border, Place, Shape, Surface};
+use weldpath::seam::segmentation::{Border, Place, SeenSurface, SurfaceShape};
 use weldpath::simulation::{Noise, Part, Request, Scene, SensorErrors, stage};
 use weldpath_tests::scans::{read, shared};
 
@@ -19,7 +19,7 @@ struct Taken {
     points_mm: Vec<Point3<f64>>,
     normals: Vec<Vector3<f64>>,
     places: Vec<Place>,
-    surfaces: Vec<Surface>,
+    surfaces: Vec<SeenSurface>,
 }
 
 impl Observer for Taken {
@@ -103,7 +103,7 @@ fn a_pipe_is_one_cylinder_of_its_radius() {
     let (taken, _) = taken(Part::Pipe, Noise::Mid, SensorErrors::default());
     let count = |k: usize| taken.places.iter().filter(|place| place.surface == Some(k as u16)).count();
     let round = taken.surfaces.iter().enumerate().filter_map(|(k, surface)| match surface.shape {
-        Shape::Cylinder { radius_mm } => Some((count(k), f64::from(radius_mm))),
+        SurfaceShape::Cylinder { radius_mm } => Some((count(k), f64::from(radius_mm))),
         _ => None,
     });
     let (_, found_mm) = round.max_by_key(|(count, _)| *count).expect("a cylinder");

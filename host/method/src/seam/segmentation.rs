@@ -59,16 +59,16 @@ pub struct Segmentation {
 
 /// A surface that goes on without a corner.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Surface {
+pub struct SeenSurface {
     /// What it is.
-    pub shape: Shape,
+    pub shape: SurfaceShape,
     /// How far its points scatter about the shape: one standard deviation, mm.
     pub deviation_mm: f32,
 }
 
 /// What a surface is.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub enum Shape {
+pub enum SurfaceShape {
     /// A plane.
     Plane,
     /// A part of a cylinder.
@@ -164,7 +164,7 @@ impl Segmentation {
     }
 
     /// The surfaces, flat ones first.
-    pub fn surfaces(&self) -> Vec<Surface> {
+    pub fn surfaces(&self) -> Vec<SeenSurface> {
         self.shapes.iter().map(Fitted::surface).collect()
     }
 
@@ -324,13 +324,13 @@ impl Fitted {
         }
     }
 
-    fn surface(&self) -> Surface {
+    fn surface(&self) -> SeenSurface {
         let shape = match &self.form {
-            Form::Plane(..) => Shape::Plane,
-            Form::Cylinder(cylinder) => Shape::Cylinder { radius_mm: cylinder.radius_mm },
-            Form::Freeform => Shape::Freeform,
+            Form::Plane(..) => SurfaceShape::Plane,
+            Form::Cylinder(cylinder) => SurfaceShape::Cylinder { radius_mm: cylinder.radius_mm },
+            Form::Freeform => SurfaceShape::Freeform,
         };
-        Surface { shape, deviation_mm: self.deviation_mm }
+        SeenSurface { shape, deviation_mm: self.deviation_mm }
     }
 
     /// Whether some points are of it.

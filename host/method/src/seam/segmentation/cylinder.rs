@@ -48,7 +48,7 @@ impl Cylinder {
         let (mut matrix, mut right) = (axis * axis.transpose(), Vector3::zeros());
         let from = rows.first()?.0;
         for (p, n) in rows {
-            let n = across(*n).try_normalize(1e-3)?;
+            let Some(n) = across(*n).try_normalize(1e-3) else { continue };
             let part = Matrix3::identity() - axis * axis.transpose() - n * n.transpose();
             matrix += part;
             right += part * (p - from);

@@ -68,8 +68,10 @@ fn a_tube_on_a_plate_is_a_cylinder_and_a_plane_that_meet_inside() {
     let rows: Rows = plate.chain(tube(20.0, 1..=40)).collect();
     let model = Model::new(&rows);
     let (found, places) = model.segmentation();
-    let shapes: Vec<Shape> = found.surfaces().iter().map(|surface| surface.shape).collect();
-    let [Shape::Plane, Shape::Cylinder { radius_mm }] = shapes[..] else { panic!("{shapes:?}") };
+    let shapes: Vec<SurfaceShape> = found.surfaces().iter().map(|surface| surface.shape).collect();
+    let [SurfaceShape::Plane, SurfaceShape::Cylinder { radius_mm }] = shapes[..] else {
+        panic!("{shapes:?}")
+    };
     assert!((radius_mm - 20.0).abs() < 0.05, "{radius_mm}");
     let foot = |p: &Point3<f32>| (p.x.hypot(p.y) - 20.0).abs() < 1.5 && p.z < 1.5;
     assert!(share(&rows, &places, Border::Inside, foot) > 0.9);
