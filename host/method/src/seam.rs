@@ -111,9 +111,14 @@ impl Station {
         Point3::from((self.position_mm - origin_mm).cast::<f32>())
     }
 
+    /// Where the air is, midway between the faces: twice as long as the sine of half the angle between them.
+    fn air(&self) -> Vector3<f64> {
+        self.faces[0] + self.faces[1]
+    }
+
     /// Bisector of the faces, out of the work: where the torch points to. None of faces that look away from each other.
     pub(crate) fn bisector(&self) -> Option<Vector3<f64>> {
-        (self.faces[0] + self.faces[1]).try_normalize(LEAST_BISECTOR)
+        self.air().try_normalize(LEAST_BISECTOR)
     }
 }
 
@@ -208,6 +213,11 @@ impl Seam {
             (true, Some(first), Some(last)) => open + (first.position_mm - last.position_mm).norm(),
             _ => open,
         }
+    }
+
+    /// Its places, and the air there.
+    fn places(&self) -> impl Iterator<Item = (Point3<f64>, Vector3<f64>)> {
+        self.stations.iter().map(|station| (station.position_mm, station.air()))
     }
 
     /// One standard deviation of the tip across the seam, mm: in the robot's base frame where that is known, else against the
@@ -330,8 +340,7 @@ impl Found {
         self.orientation_assumed = oriented.assumed;
         let unknown = |station: &Station| {
             let at = Point3::from((station.position_mm - model.cloud.origin_mm).cast::<f32>());
-            let nearest = model.index.nearest(&at, SIDES_VOXELS * model.voxel_mm(), |_| true);
-            nearest.is_some_and(|(slot, _)| oriented.unknown[model.index.index(slot)])
+            model.nearest(&at, SIDES_VOXELS).is_some_and(|point| oriented.unknown[point])
         };
         let known = |seam: &Seam| {
             2 * seam.stations.iter().filter(|station| unknown(station)).count() <= seam.stations.len()

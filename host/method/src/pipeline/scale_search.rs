@@ -169,13 +169,11 @@ impl ScaleSearch<'_> {
         stages.time("seam", || {
             let surface = model.surface();
             let segmented = Segmentation::with(&surface, surfaces);
-            let is_sided = |place: &Point3<f32>| {
-                let reach_mm = SIDED_VOXELS * surface.voxel_mm();
-                let unknown = model.oriented.as_ref().map(|oriented| &oriented.unknown);
-                let nearest = || surface.index.nearest(place, reach_mm, |_| true);
-                unknown.is_none_or(|unknown| {
-                    nearest().is_some_and(|(slot, _)| !unknown[surface.index.index(slot)])
-                })
+            let is_sided = |place: &Point3<f32>| match &model.oriented {
+                Some(oriented) => {
+                    surface.nearest(place, SIDED_VOXELS).is_some_and(|point| !oriented.unknown[point])
+                }
+                None => true,
             };
             found.mark_radii(&surface);
             found.tell_borders(&segmented, &surface, &self.config.seam.trace, is_sided);

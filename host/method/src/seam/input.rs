@@ -132,6 +132,12 @@ impl SurfaceModel<'_> {
     pub fn voxel_mm(&self) -> f32 {
         self.voxels.edge_mm
     }
+
+    /// The number of the point nearest to a place, within so many voxels.
+    pub(crate) fn nearest(&self, place: &Point3<f32>, voxels: f32) -> Option<usize> {
+        let (slot, _) = self.index.nearest(place, voxels * self.voxel_mm(), |_| true)?;
+        Some(self.index.index(slot))
+    }
 }
 
 /// What is looked for where sharp inside corners make no seam.

@@ -4,7 +4,7 @@
 //! A camera rounds corners too, but all of them: a radius is told only from the sharper corners of the same scan.
 
 use super::input::SurfaceModel;
-use super::{Contact, Found, Seam, Station, Unwelded, WhyUnwelded};
+use super::{Contact, Found, WhyUnwelded};
 use crate::geometry::statistics::median;
 use nalgebra::{Point3, Vector3};
 
@@ -33,9 +33,9 @@ struct Rounded {
 }
 
 impl Rounded {
-    /// Of places with the sum of the normals of both faces; none where nothing was seen near it.
-    fn of<'a>(
-        places: impl Iterator<Item = (&'a Point3<f64>, Vector3<f64>)>,
+    /// Of places and the air there; none where nothing was seen near it.
+    fn of(
+        places: impl Iterator<Item = (Point3<f64>, Vector3<f64>)>,
         length_mm: f64,
         model: &SurfaceModel,
     ) -> Option<Self> {
@@ -54,25 +54,12 @@ impl Rounded {
             between +=
                 usize::from(model.index.nearest(&about, depth_mm + model.voxel_mm(), is_between).is_some());
             depths_mm.push(f64::from(depth_mm));
-            // The sum is twice the sine of half the included angle.
+            // The air is twice as long as the sine of half the included angle.
             shares.push(2.0 / air.norm() - 1.0);
         }
         let (share, depth_mm) = (median(&mut shares), median(&mut depths_mm));
         let is_seen = 2 * between > depths_mm.len();
         (share > LEAST_SHARE).then(|| Self { length_mm, radius_mm: depth_mm / share, share, is_seen })
-    }
-
-    fn of_seam(seam: &Seam, model: &SurfaceModel) -> Option<Self> {
-        let place = |station: &Station| station.faces[0] + station.faces[1];
-        Self::of(
-            seam.stations.iter().map(|station| (&station.position_mm, place(station))),
-            seam.length_mm(),
-            model,
-        )
-    }
-
-    fn of_line(line: &Unwelded, model: &SurfaceModel) -> Option<Self> {
-        Self::of(line.line_mm.iter().zip(line.air.iter().copied()), line.length_mm(), model)
     }
 }
 
@@ -80,9 +67,10 @@ impl Found {
     /// Marks the seams that turn over a radius, where other corners are sharp.
     pub(crate) fn mark_radii(&mut self, model: &SurfaceModel) {
         let seams: Vec<Option<Rounded>> =
-            self.seams.iter().map(|seam| Rounded::of_seam(seam, model)).collect();
+            self.seams.iter().map(|seam| Rounded::of(seam.places(), seam.length_mm(), model)).collect();
         let on_table = self.unwelded.iter().filter(|line| line.reason == WhyUnwelded::Table);
-        let lines: Vec<Rounded> = on_table.filter_map(|line| Rounded::of_line(line, model)).collect();
+        let lines: Vec<Rounded> =
+            on_table.filter_map(|line| Rounded::of(line.places(), line.length_mm(), model)).collect();
         let mut all: Vec<&Rounded> = seams.iter().flatten().chain(&lines).collect();
         all.sort_by(|a, b| a.radius_mm.total_cmp(&b.radius_mm));
         let mut left_mm = SHARPEST * all.iter().map(|corner| corner.length_mm).sum::<f64>();
@@ -110,6 +98,7 @@ mod tests {
     use crate::geometry::cloud::PointCloud;
     use crate::geometry::grid::Grid;
     use crate::model::downsampling::Voxels;
+    use crate::seam::{Seam, Station};
 
     /// A level face and an upright one of 30 mm, 100 mm long, that meet at y = `at_mm` in an arc of this radius; nothing is seen nearer to
     /// their corner than `lost_mm`.

@@ -193,16 +193,13 @@ fn grown(model: &SurfaceModel) -> Vec<Face> {
         let (mut members, mut next, mut refit) = (vec![seed], 0, LEAST_PATCHES);
         face_of[seed] = face;
         while next < members.len() {
-            for [low, high] in around(patches[members[next]].cell) {
-                let from = by_cell.partition_point(|(cell, _)| *cell < low);
-                for &(_, k) in by_cell[from..].iter().take_while(|(cell, _)| *cell <= high) {
-                    let (normal, level_mm) = plane;
-                    let is_on = patches[k].normal.dot(&normal) > FACING
-                        && (normal.dot(&patches[k].mean()) - level_mm).abs() < most_mm;
-                    if face_of[k] == NONE && is_on {
-                        face_of[k] = face;
-                        members.push(k);
-                    }
+            for &k in near(&by_cell, patches[members[next]].cell) {
+                let (normal, level_mm) = plane;
+                let is_on = patches[k].normal.dot(&normal) > FACING
+                    && (normal.dot(&patches[k].mean()) - level_mm).abs() < most_mm;
+                if face_of[k] == NONE && is_on {
+                    face_of[k] = face;
+                    members.push(k);
                 }
             }
             next += 1;
@@ -228,8 +225,16 @@ fn grown(model: &SurfaceModel) -> Vec<Face> {
     found.filter_map(|(slots, plane)| Some(Face::new(&slots, &plane?.0, model))).collect()
 }
 
+/// What is in a cell and in those about it, of what is sorted by cell.
+pub(super) fn near<T>(by_cell: &[([usize; 3], T)], cell: [usize; 3]) -> impl Iterator<Item = &T> {
+    around(cell).into_iter().flat_map(|[low, high]| {
+        let from = by_cell.partition_point(|(cell, _)| *cell < low);
+        by_cell[from..].iter().take_while(move |(cell, _)| *cell <= high).map(|(_, of)| of)
+    })
+}
+
 /// A cell and those about it: from which to which, in order.
-pub(super) fn around([x, y, z]: [usize; 3]) -> [[[usize; 3]; 2]; 9] {
+fn around([x, y, z]: [usize; 3]) -> [[[usize; 3]; 2]; 9] {
     std::array::from_fn(|k| {
         // Cells before the first are none.
         let [x, y] = [(x + k % 3).wrapping_sub(1), (y + k / 3).wrapping_sub(1)];

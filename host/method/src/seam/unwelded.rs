@@ -1,7 +1,7 @@
 //! Inside corners that are seen and not offered as seams (ours): where they run, and why not. Nothing vanishes without a word.
 
+use super::Seam;
 use super::trace::{Chain, ChainLink};
-use super::{Seam, Station};
 use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -39,7 +39,7 @@ pub struct Unwelded {
 impl Unwelded {
     /// A seam that was found and is not offered.
     pub(super) fn of(seam: &Seam, reason: WhyUnwelded, words: String) -> Self {
-        let (line_mm, air) = seam.stations.iter().map(place_of).unzip();
+        let (line_mm, air) = seam.places().unzip();
         Self { line_mm, air, reason, words }
     }
 
@@ -90,6 +90,11 @@ impl Unwelded {
         runs.map(stretch).filter(told).collect()
     }
 
+    /// Its places, and the air there.
+    pub(super) fn places(&self) -> impl Iterator<Item = (Point3<f64>, Vector3<f64>)> {
+        self.line_mm.iter().copied().zip(self.air.iter().copied())
+    }
+
     /// Length along its places, mm.
     pub fn length_mm(&self) -> f64 {
         self.line_mm.windows(2).map(|w| (w[1] - w[0]).norm()).sum()
@@ -114,10 +119,9 @@ pub(super) fn told(
     seams: &[Seam],
     voxel_mm: f64,
 ) -> Vec<Unwelded> {
-    let mut told = Told { known: Told::of(seams, &[]), lines: Vec::new(), voxel_mm };
-    let near_mm = SAME_VOXELS * voxel_mm;
-    lines.iter().for_each(|line| told.add(line, near_mm));
-    implied.iter().for_each(|line| told.add(line, near_mm.max(SAME_IMPLIED_MM)));
+    let mut told = Told::besides(Vec::new(), seams, voxel_mm);
+    lines.iter().for_each(|line| told.add(line, SAME_VOXELS * voxel_mm));
+    told.add_loosely(&implied);
     told.lines
 }
 
@@ -128,13 +132,9 @@ pub(super) fn told_besides(
     seams: &[Seam],
     voxel_mm: f64,
 ) -> Vec<Unwelded> {
-    let mut told = Told { known: Told::of(seams, &told), lines: told, voxel_mm };
-    more.iter().for_each(|line| told.add(line, (SAME_VOXELS * voxel_mm).max(SAME_IMPLIED_MM)));
+    let mut told = Told::besides(told, seams, voxel_mm);
+    told.add_loosely(more);
     told.lines
-}
-
-fn place_of(station: &Station) -> (Point3<f64>, Vector3<f64>) {
-    (station.position_mm, station.faces[0] + station.faces[1])
 }
 
 struct Told {
@@ -145,11 +145,16 @@ struct Told {
 }
 
 impl Told {
-    fn of(seams: &[Seam], lines: &[Unwelded]) -> Vec<(Point3<f64>, Vector3<f64>)> {
-        let stations = seams.iter().flat_map(|seam| seam.stations.iter().map(place_of));
-        let places =
-            |line: &Unwelded| line.line_mm.iter().copied().zip(line.air.iter().copied()).collect::<Vec<_>>();
-        stations.chain(lines.iter().flat_map(places)).collect()
+    fn besides(lines: Vec<Unwelded>, seams: &[Seam], voxel_mm: f64) -> Self {
+        let known =
+            seams.iter().flat_map(Seam::places).chain(lines.iter().flat_map(Unwelded::places)).collect();
+        Self { known, lines, voxel_mm }
+    }
+
+    /// Adds lines of which it is not known as well where they run.
+    fn add_loosely(&mut self, lines: &[Unwelded]) {
+        let near_mm = (SAME_VOXELS * self.voxel_mm).max(SAME_IMPLIED_MM);
+        lines.iter().for_each(|line| self.add(line, near_mm));
     }
 
     fn add(&mut self, line: &Unwelded, near_mm: f64) {
@@ -162,7 +167,7 @@ impl Told {
             if part.words.is_empty() {
                 part.words = part.in_words();
             }
-            self.known.extend(part.line_mm.iter().copied().zip(part.air.iter().copied()));
+            self.known.extend(part.places());
             self.lines.push(part);
         }
     }

@@ -2,7 +2,7 @@
 
 use super::{Grid, NEXT_VOXELS};
 use crate::seam::implied;
-use crate::seam::surfaces::around;
+use crate::seam::surfaces::near;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -27,13 +27,8 @@ pub(super) struct Cloud<'a> {
 impl Cloud<'_> {
     /// The nearest of the points next to one that are asked for.
     pub(super) fn nearest(&self, slot: usize, is_asked: impl Fn(usize) -> bool) -> Option<usize> {
-        let mut nearest = (f32::INFINITY, None);
-        self.index.within(&self.index.point(slot), NEXT_VOXELS * self.voxel_mm, |next, d2| {
-            if d2 < nearest.0 && is_asked(next) {
-                nearest = (d2, Some(next));
-            }
-        });
-        nearest.1
+        let nearest = self.index.nearest(&self.index.point(slot), NEXT_VOXELS * self.voxel_mm, is_asked);
+        nearest.map(|(next, _)| next)
     }
 
     /// Surfaces of the points that are of none, numbered from `first` on; of each the slots of its points.
@@ -95,11 +90,7 @@ impl Cloud<'_> {
         by_place.sort_unstable_by_key(|(at, _)| *at);
         let is_mixed = |(at, slots): &([usize; 3], Range<usize>)| {
             let own = one(slots);
-            own.is_none()
-                || around(*at).iter().any(|[low, high]| {
-                    let from = by_place.partition_point(|(at, _)| at < low);
-                    by_place[from..].iter().take_while(|(at, _)| at <= high).any(|(_, other)| *other != own)
-                })
+            own.is_none() || near(&by_place, *at).any(|other| *other != own)
         };
         cells.into_iter().filter(is_mixed).flat_map(|(_, slots)| slots).collect()
     }

@@ -29,12 +29,16 @@ impl Sights {
     /// Of views from known places.
     pub(super) fn of(merged: &Merged, voxel_mm: f32) -> Self {
         let cameras = if merged.cameras_unknown { &[][..] } else { &merged.cameras_mm };
-        let map = |(view, camera): (usize, &Point3<f32>)| {
-            let own = merged.points_mm.iter().zip(&merged.view).filter(|(_, of)| usize::from(**of) == view);
-            let about: Vec<Point3<f32>> = own.map(|(p, _)| Point3::from(p - camera)).collect();
+        let mut about = vec![Vec::new(); cameras.len()];
+        for (p, view) in merged.points_mm.iter().zip(&merged.view) {
+            if let Some(camera) = cameras.get(usize::from(*view)) {
+                about[usize::from(*view)].push(Point3::from(p - camera));
+            }
+        }
+        let map = |(camera, about): (&Point3<f32>, Vec<Point3<f32>>)| {
             (*camera, DepthMap::new(&about, CELL_VOXELS * voxel_mm))
         };
-        Self { maps: cameras.par_iter().enumerate().map(map).collect() }
+        Self { maps: cameras.par_iter().zip(about).map(map).collect() }
     }
 
     pub(super) fn of_view(&self, view: u16) -> Option<&(Point3<f32>, DepthMap)> {
