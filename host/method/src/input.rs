@@ -32,6 +32,7 @@ mod npy;
 mod pcd;
 #[cfg(feature = "ply")]
 mod ply;
+mod raster;
 mod raw;
 // The count of a header is checked here for every format; the rest is for the two formats alone.
 #[cfg_attr(not(any(feature = "ply", feature = "pcd")), allow(dead_code))]
@@ -56,6 +57,7 @@ use crate::geometry::cloud::View;
 pub use arrays::{CameraPose, Coordinates, PosedViews, RawCloud, RawView, Transform};
 pub use camera::{CameraPosition, Distortion, Intrinsics};
 pub use doubt::{CloudFrame, Doubt, DoubtKind};
+use extent::Extent;
 use format::{Format, Reader};
 use raw::Raw;
 use schemars::JsonSchema;
@@ -446,42 +448,82 @@ fn single(mut raw: Raw, path: &Path, options: &Options) -> Result<Scan, Error> {
         }
         raw.clean(path, &mut notes)?;
     }
-    let camera = match (options.camera_mm, options.frame) {
+    let seen = match (options.camera_mm, options.frame) {
         (Some(at), _) => {
             let [x, y, z] = at.mm();
             notes.push(format!("frame: a camera at {x}, {y}, {z} mm (as given)"));
-            Some(Vector3::from(at.mm()) / mm_per_unit)
+            Ok(vec![(raw, Vector3::from(at.mm()) / mm_per_unit)])
         }
         (None, Some(StatedFrame::Camera)) => {
             notes.push("frame: the camera's (as given)".into());
-            Some(Vector3::zeros())
+            Ok(vec![(raw, Vector3::zeros())])
         }
-        (None, Some(StatedFrame::Base)) => frame::camera_in_base(&raw, &extent, &mut notes),
-        (None, None) => frame::camera_of(&raw, &extent, &mut notes),
+        _ => pictures(raw, &extent, mm_per_unit, options.frame, &mut notes),
     };
+    let at_origin = |parts: &[Picture]| parts.iter().all(|(_, camera)| *camera == Vector3::zeros());
+    let in_camera =
+        options.frame != Some(StatedFrame::Base) && seen.as_ref().is_ok_and(|parts| at_origin(parts));
+    let frame = if in_camera { CloudFrame::Camera } else { CloudFrame::Unknown };
+    let views = match seen {
+        Ok(parts) => {
+            let names = names(&name_of(path), parts.len());
+            let view = |((part, camera), name)| view_of(part, Some(camera), extent.middle, mm_per_unit, name);
+            parts.into_iter().zip(names).map(view).collect()
+        }
+        Err((raw, doubt)) => {
+            doubts.extend(doubt);
+            vec![view_of(*raw, None, extent.middle, mm_per_unit, name_of(path))]
+        }
+    };
+    warnings.extend(doubts.iter().map(|doubt| doubt.words.clone()));
+    let scan = Scan::of(views, frame, path);
+    Ok(Scan { notes, warnings, doubts, ..scan })
+}
+
+/// The names of the pictures in a file.
+fn names(file: &str, count: usize) -> Vec<String> {
+    if count == 1 { vec![file.into()] } else { (1..=count).map(|k| format!("{file}, picture {k}")).collect() }
+}
+
+/// What one camera took, and where it stood, file units.
+type Picture = (Raw, Vector3<f64>);
+
+/// The pictures that a cloud is made of. The cloud as it is, and what is to be asked of its frame, where
+/// they are not known.
+fn pictures(
+    raw: Raw,
+    extent: &Extent,
+    mm_per_unit: f64,
+    stated: Option<StatedFrame>,
+    notes: &mut Vec<String>,
+) -> Result<Vec<Picture>, (Box<Raw>, Option<Doubt>)> {
+    let raw = match frame::shots_of(raw, mm_per_unit, notes) {
+        Ok(parts) => return Ok(parts),
+        Err(raw) => *raw,
+    };
+    let camera = match stated {
+        Some(_) => frame::camera_in_base(&raw, extent, notes),
+        None => frame::camera_of(&raw, extent, notes),
+    };
+    if let Some(camera) = camera {
+        return Ok(vec![(raw, camera)]);
+    }
     // The origin of the base frame may be where a camera was said to stand.
-    let asked = camera.is_none() && options.frame.is_none();
-    let (camera, doubt) = match if asked { frame::suspicion(&raw) } else { frame::Suspicion::None } {
-        frame::Suspicion::None => (camera, None),
+    let suspicion = if stated.is_none() { frame::suspicion(&raw) } else { frame::Suspicion::None };
+    match suspicion {
+        frame::Suspicion::None => Err((raw.into(), None)),
         frame::Suspicion::Is => {
             notes.push("frame: a camera at the origin that faces along x (its pixels are a grid)".into());
-            (Some(Vector3::zeros()), None)
+            Ok(vec![(raw, Vector3::zeros())])
         }
-        frame::Suspicion::May(why) => (None, Some(why)),
-    };
-    if let Some(why) = doubt {
-        let words = format!(
-            "are the coordinates in the camera's frame, not in the robot's base frame? {why}: say --frame \
-             camera, or --frame base"
-        );
-        doubts.push(Doubt { kind: DoubtKind::Frame, words });
+        frame::Suspicion::May(why) => {
+            let words = format!(
+                "are the coordinates in the camera's frame, not in the robot's base frame? {why}: say --frame \
+                 camera, or --frame base"
+            );
+            Err((raw.into(), Some(Doubt { kind: DoubtKind::Frame, words })))
+        }
     }
-    let in_camera = camera == Some(Vector3::zeros()) && options.frame != Some(StatedFrame::Base);
-    let frame = if in_camera { CloudFrame::Camera } else { CloudFrame::Unknown };
-    let view = view_of(raw, camera, extent.middle, mm_per_unit, path);
-    warnings.extend(doubts.iter().map(|doubt| doubt.words.clone()));
-    let scan = Scan::of(vec![view], frame, path);
-    Ok(Scan { notes, warnings, doubts, ..scan })
 }
 
 /// A cloud as a view whose origin is the camera or, where none is known, the middle of the cloud. File units.
@@ -490,7 +532,7 @@ fn view_of(
     camera: Option<Vector3<f64>>,
     middle: Vector3<f64>,
     mm_per_unit: f64,
-    path: &Path,
+    name: String,
 ) -> View {
     let origin = camera.unwrap_or_else(|| whole_mm(middle, mm_per_unit));
     // Where the camera is known it tells the sides better than a file does.
@@ -505,7 +547,7 @@ fn view_of(
     let filled = given.iter().filter(|n| **n != Vector3::zeros()).count();
     let given = if 2 * filled > given.len() { given } else { Vec::new() };
     View {
-        name: name_of(path),
+        name,
         points_mm: raw.positions.relative_mm(origin, mm_per_unit),
         normals: given,
         base_from_camera: translation(origin * mm_per_unit),

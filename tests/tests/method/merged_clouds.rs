@@ -38,6 +38,11 @@ fn gcd(a: usize, b: usize) -> usize {
 
 /// The plan of a file of these points, and of their normals where there are any.
 fn planned(points: &[Point3<f64>], normals: &[Vector3<f64>]) -> Result<Plan, PlanError> {
+    pipeline::plan(&read(points, normals).views, &Job::default().pipeline(), &mut ())
+}
+
+/// A file of these points, and of their normals where there are any.
+fn read(points: &[Point3<f64>], normals: &[Vector3<f64>]) -> input::Scan {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("merged.ply");
     let mut names = vec!["x", "y", "z"];
@@ -60,8 +65,7 @@ fn planned(points: &[Point3<f64>], normals: &[Vector3<f64>]) -> Result<Plan, Pla
     }
     std::fs::write(&path, bytes).expect("a file");
     let units = input::Units::Millimetres;
-    let scan = input::read(&path, &input::Options { units, ..Default::default() }).expect("a cloud");
-    pipeline::plan(&scan.views, &Job::default().pipeline(), &mut ())
+    input::read(&path, &input::Options { units, ..Default::default() }).expect("a cloud")
 }
 
 fn paths(plan: &Plan) -> PathSet {
@@ -115,6 +119,41 @@ fn the_seams_of_a_merged_cloud_are_found_whatever_its_frame_and_order_and_again_
             let plan = planned(&model, &normals).unwrap_or_else(|error| panic!("{part:?}, {words}: {error}"));
             holds(&plan, &truth, most_mm, &format!("{part:?}, {words}"));
         }
+    }
+}
+
+/// In the order of their pictures, points tell where the cameras stood; so what robot and hand-eye transform got wrong is registered, as it is
+/// in the views.
+#[test]
+fn a_cloud_in_the_order_of_its_pictures_is_planned_as_its_views_are_in_any_frame() {
+    for (part, seed) in [(Part::Fillet, 31), (Part::Lap, 32), (Part::Pipe, 33), (Part::ButtV, 34)] {
+        let (scan, truth) = scanned(&Request::new(part, seed));
+        let in_base = scan
+            .views
+            .iter()
+            .flat_map(|view| view.points_mm.iter().map(|p| view.base_from_camera * p.cast::<f64>()));
+        let points: Vec<_> = in_base.map(|p| turn() * p).collect();
+        let cloud = read(&points, &[]);
+        assert_eq!(cloud.views.len(), scan.views.len(), "{part:?}: {:?}", cloud.notes);
+        for (found, view) in cloud.views.iter().zip(&scan.views) {
+            let apart = found.base_from_camera.translation.vector
+                - (turn() * view.base_from_camera).translation.vector;
+            assert!(found.camera_known && apart.norm() < 0.5, "{part:?}, {}: {apart}", found.name);
+            // What stands alone in the far corner may be of either picture.
+            let points = [found, view].map(|view| view.points_mm.len());
+            assert!(points[0].abs_diff(points[1]) < 10, "{part:?}, {}: {points:?}", found.name);
+        }
+        let mut config = Job::default().pipeline();
+        config.merge.anchor = None;
+        let mut plan = pipeline::plan(&cloud.views, &config, &mut ())
+            .unwrap_or_else(|error| panic!("{part:?}: {error}"));
+        for path in &mut plan.paths {
+            for point in &mut path.points {
+                point.position_mm = turn().inverse() * point.position_mm;
+                point.base_from_torch = turn().rotation.inverse() * point.base_from_torch;
+            }
+        }
+        holds(&plan, &truth, 0.15, &format!("{part:?}, in order"));
     }
 }
 

@@ -36,8 +36,8 @@ struct Weld {
 const FALSE_MM: f64 = 8.0;
 /// Held: what is found of 6.0 m that both readers see, and what is offered that neither does. Where single views show
 /// a joint as a rounding of 15 to 25 mm, or points lie 3 to 6 mm apart, nothing is found.
-const LEAST_FOUND_MM: f64 = 2350.0;
-const MOST_FALSE_MM: f64 = 1500.0;
+const LEAST_FOUND_MM: f64 = 2380.0;
+const MOST_FALSE_MM: f64 = 1350.0;
 
 impl Weld {
     fn line_mm(&self) -> Vec<Point3<f64>> {

@@ -8,7 +8,7 @@ use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vect
 
 use super::raw::{Positions, Raw};
 use super::units::Unit;
-use super::{CloudFrame, Error, Options, Scan, records, view_of};
+use super::{CloudFrame, Error, Options, Scan, name_of, records, view_of};
 use crate::geometry::cloud::View;
 
 /// A point needs at least a bit in its packet: this many points to a byte.
@@ -74,7 +74,7 @@ fn view(
     })?;
     let middle = raw.extent().middle;
     let origin = pose.map(|_| Vector3::zeros());
-    let mut view = view_of(raw, origin, middle, unit.mm(), path);
+    let mut view = view_of(raw, origin, middle, unit.mm(), name_of(path));
     view.name = cloud.name.clone().unwrap_or_else(|| format!("{}#{k}", view.name));
     if let Some(pose) = pose {
         view.base_from_camera = pose;

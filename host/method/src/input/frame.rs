@@ -8,9 +8,13 @@ use std::collections::HashMap;
 
 use nalgebra::Vector3;
 
+use super::Picture;
 use super::extent::Extent;
+use super::raster::{self, Shot};
 use super::raw::Raw;
 
+/// Points that stand alone where a picture ends may be the next one's: no more than this share.
+const STRAYS: f64 = 1e-3;
 /// Half of the widest field of view, as a cosine: 50 degrees.
 const LEAST_COSINE: f64 = 0.642_787_609_686_539_3;
 /// Points that are looked at.
@@ -28,6 +32,32 @@ pub(super) fn camera_of(raw: &Raw, extent: &Extent, notes: &mut Vec<String>) -> 
     among(raw.viewpoint.into_iter().filter(|at| *at != origin).chain([origin]), raw, extent, notes)
 }
 
+/// The pictures that a cloud is made of, where the order of its points tells them and each picture
+/// bears its camera out; the cloud itself where not.
+pub(super) fn shots_of(
+    raw: Raw,
+    mm_per_unit: f64,
+    notes: &mut Vec<String>,
+) -> Result<Vec<Picture>, Box<Raw>> {
+    let Some(shots) = raster::shots(&raw.positions) else { return Err(raw.into()) };
+    let parts: Vec<Raw> = shots.iter().map(|shot| raw.part(&shot.points)).collect();
+    let bears_out = |(part, shot): (&Raw, &Shot)| {
+        let axis = (part.extent().middle - shot.camera).try_normalize(0.0);
+        axis.is_some_and(|axis| evidence_along(part, shot.camera, &axis, STRAYS).is_ok())
+    };
+    if !parts.iter().zip(&shots).all(bears_out) {
+        return Err(raw.into());
+    }
+    let place = |shot: &Shot| {
+        let at = shot.camera * mm_per_unit;
+        format!("{:.0}, {:.0}, {:.0}", at.x, at.y, at.z)
+    };
+    let places: Vec<String> = shots.iter().map(place).collect();
+    let camera = if places.len() == 1 { "a camera" } else { "cameras" };
+    notes.push(format!("frame: {camera} at {} mm (where the rows of its pixels lead)", places.join("; ")));
+    Ok(parts.into_iter().zip(shots).map(|(part, shot)| (part, shot.camera)).collect())
+}
+
 /// Whether a cloud of unknown frame may yet be in that of its camera.
 pub(super) enum Suspicion {
     None,
@@ -41,7 +71,7 @@ pub(super) enum Suspicion {
 pub(super) fn suspicion(raw: &Raw) -> Suspicion {
     let origin = Vector3::zeros();
     let ahead = || raw.positions.sample(SAMPLE).iter().all(|p| p.x > 0.0);
-    if raw.positions.len() >= FEWEST && ahead() && evidence_along(raw, origin, &Vector3::x()).is_ok() {
+    if raw.positions.len() >= FEWEST && ahead() && evidence_along(raw, origin, &Vector3::x(), 0.0).is_ok() {
         let rays = raw.positions.sample(LATTICE_SAMPLE);
         return if is_lattice(&pictured(&rays, &Vector3::x()), raw.positions.len()) {
             Suspicion::Is
@@ -125,27 +155,26 @@ fn evidence(raw: &Raw, at: Vector3<f64>, extent: &Extent) -> Result<String, Stri
     }
     let rays: Vec<Vector3<f64>> = raw.positions.sample(SAMPLE).iter().map(|p| p - at).collect();
     let axis = optical_axis(&rays, at, extent)?;
-    evidence_along(raw, at, &axis)
+    evidence_along(raw, at, &axis, 0.0)
 }
 
-/// The same of a camera that faces along `axis`.
-fn evidence_along(raw: &Raw, at: Vector3<f64>, axis: &Vector3<f64>) -> Result<String, String> {
-    let n = raw.positions.len();
-    let rays: Vec<Vector3<f64>> = raw.positions.sample(SAMPLE).iter().map(|p| p - at).collect();
-    let nearest = rays.iter().map(|ray| ray.dot(axis)).fold(f64::INFINITY, f64::min);
-    let outside = share(&rays, |ray| ray.dot(axis) < LEAST_COSINE * ray.norm());
-    if nearest <= 0.0 || outside > 0.0 {
+/// The same of a camera that faces along `axis`, where this share of the points may be another's.
+fn evidence_along(raw: &Raw, at: Vector3<f64>, axis: &Vector3<f64>, strays: f64) -> Result<String, String> {
+    let inside = |ray: &Vector3<f64>| ray.dot(axis) > LEAST_COSINE * ray.norm();
+    let seen = |most: usize| raw.positions.sample(most).into_iter().map(move |p| p - at);
+    let outside = share(&seen(SAMPLE).collect::<Vec<_>>(), |ray| !inside(ray));
+    if outside > strays {
         return Err(format!(
             "{:.1} % of the points are outside a field of view of 100 degrees",
             100.0 * outside
         ));
     }
-    let image = pictured(&rays, axis);
+    let image = pictured(&seen(SAMPLE).filter(inside).collect::<Vec<_>>(), axis);
     let hidden = hidden_share(&image);
     if hidden > TOLERATED {
         return Err(format!("{:.1} % of the points would be hidden by others", 100.0 * hidden));
     }
-    let all: Vec<Vector3<f64>> = raw.positions.sample(n).iter().map(|p| p - at).collect();
+    let all: Vec<Vector3<f64>> = seen(raw.positions.len()).filter(inside).collect();
     match evenness(&pictured(&all, axis)) >= LEAST_EVEN {
         true => Ok(format!("one depth per ray for all but {:.1} % of the points", 100.0 * hidden)),
         false => Err("its picture is no grid of pixels, but several over each other".into()),

@@ -432,7 +432,7 @@ impl Job<'_> {
             Err(other) => return Err(other),
         }
         let mm = self.unit.mm();
-        let mut view = view_of(raw, Some(camera_mm / mm), Vector3::zeros(), mm, &file);
+        let mut view = view_of(raw, Some(camera_mm / mm), Vector3::zeros(), mm, name_of(&file));
         view.base_from_camera = translation(camera_mm);
         Ok((view, file, notes))
     }

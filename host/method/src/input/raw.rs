@@ -1,5 +1,6 @@
 //! The points of one file as they stand in it: its own unit, its own frame, nothing dropped yet.
 
+use std::ops::Range;
 use std::path::Path;
 
 use nalgebra::{Point3, RealField, Vector3};
@@ -113,6 +114,16 @@ impl Raw {
             }
         }
         Ok(())
+    }
+
+    /// Some of the points of a cloud, one after the other, and what is known of the whole.
+    pub(super) fn part(&self, points: &Range<usize>) -> Self {
+        let positions = match &self.positions {
+            Positions::Single(all) => Positions::Single(all[points.clone()].to_vec()),
+            Positions::Double(all) => Positions::Double(all[points.clone()].to_vec()),
+        };
+        let normals = self.normals.get(points.clone()).unwrap_or_default().to_vec();
+        Self { positions, normals, triangles: Vec::new(), notes: Vec::new(), ..*self }
     }
 
     pub(super) fn extent(&self) -> Extent {

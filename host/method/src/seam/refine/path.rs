@@ -70,6 +70,9 @@ impl Path {
     /// A chain, lightly smoothed, at about `step_mm`.
     pub(super) fn along(chain: &Chain, step_mm: f32) -> Option<Self> {
         let points: Vec<PathPoint> = chain.links.iter().map(PathPoint::from).collect();
+        if points.len() < 2 {
+            return None;
+        }
         let (points, step_mm) = resampled(&points, chain.closed, step_mm);
         let values: Vec<[f64; 9]> = points.iter().map(PathPoint::values).collect();
         let weights = vec![1.0; values.len()];
