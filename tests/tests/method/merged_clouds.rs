@@ -183,3 +183,37 @@ fn where_there_is_nothing_to_weld_no_seam_is_found() {
         );
     }
 }
+
+/// Plates 5 mm thick, shorter than the plate that they stand on: it reaches farther all round, as a table does. The cloud tells no camera.
+#[test]
+fn a_web_on_a_plate_that_is_all_of_the_cloud_is_welded() {
+    const HALF_MM: f64 = 60.0;
+    let level =
+        (0..200).flat_map(|x| (0..150).map(move |y| [f64::from(x) - 100.0, f64::from(y) - 75.0, 0.0]));
+    let level = level.filter(|[x, y, _]| x.abs() > HALF_MM || y.abs() > 2.5);
+    let side =
+        |y: f64| (0..120).flat_map(move |x| (1..40).map(move |z| [f64::from(x) - HALF_MM, y, f64::from(z)]));
+    let end = |x: f64| (-2..3).flat_map(move |y| (1..40).map(move |z| [x, f64::from(y), f64::from(z)]));
+    let top = (0..120).flat_map(|x| (-2..3).map(move |y| [f64::from(x) - HALF_MM, f64::from(y), 40.0]));
+    let web = side(-2.5).chain(side(2.5)).chain(end(-HALF_MM)).chain(end(HALF_MM)).chain(top);
+    let chance = |k: usize| ((k as f64 * 12.9898).sin() * 43_758.547).rem_euclid(1.0) - 0.5;
+    let noisy = |(k, at): (usize, [f64; 3])| {
+        turn() * Point3::from(Vector3::from_fn(|axis, _| at[axis] + 0.2 * chance(3 * k + axis)))
+    };
+    let points: Vec<_> = level.chain(web).enumerate().map(noisy).collect();
+    let shuffled: Vec<_> = (0..points.len()).map(|k| points[k * 7919 % points.len()]).collect();
+    let plan = planned(&shuffled, &[]).expect("a plan");
+    let mut seen_mm = [0.0; 2];
+    for seam in &plan.seams {
+        assert_eq!(seam.contact, None);
+        for pair in seam.stations.windows(2) {
+            let at = turn().inverse() * pair[0].position_mm;
+            if at.y.abs() < 2.4 {
+                continue;
+            }
+            assert!((at.y.abs() - 2.5).abs() < 0.5 && at.z.abs() < 0.5 && at.x.abs() < HALF_MM + 2.0, "{at}");
+            seen_mm[usize::from(at.y > 0.0)] += (pair[1].position_mm - pair[0].position_mm).norm();
+        }
+    }
+    assert!(seen_mm.iter().all(|mm| *mm > 1.8 * HALF_MM), "{seen_mm:?} mm");
+}

@@ -59,7 +59,7 @@ const OPEN_ROUNDS: usize = 3;
 pub fn find(input: &Input, config: &SeamConfig) -> Found {
     let v = input.model.voxel_mm();
     let scores = edges::score(&input.model);
-    let support = support::find(input.scene);
+    let support = support::find(input.scene, input.scan.edge_of_table());
     let table = support.filter(|support| support.is_table(&input.scan));
     let corner_config = config.corner.for_scan(&input.scan);
     let corners = Corners::parted(corner::corners(&input.model, &scores, &corner_config), |c| {
@@ -82,6 +82,7 @@ pub fn find(input: &Input, config: &SeamConfig) -> Found {
         }
         seams.append(&mut steps);
     }
+    let feet = resting::take_feet(&mut seams, table.as_ref(), input);
     mark_branches(&mut seams, JUNCTION_VOXELS * f64::from(v));
     order(&mut seams);
     let on_table = corners.on_table.iter().map(|corner| corner.position);
@@ -94,7 +95,8 @@ pub fn find(input: &Input, config: &SeamConfig) -> Found {
     }
     let warnings = unsure.iter().map(left_out).collect();
     let unsure_lines = unsure.iter().map(|seam| Unwelded::of(seam, WhyUnwelded::Unsure, left_out(seam)));
-    let lines = unsure_lines.chain(rounded).chain(corners.unwelded(input, &config.trace)).collect();
+    let unsure_lines = unsure_lines.chain(feet).chain(rounded);
+    let lines = unsure_lines.chain(corners.unwelded(input, &config.trace)).collect();
     let implied = joints.iter().map(|joint| joint.unwelded(&input.scan.merged.origin_mm)).collect();
     let waves_mm = if seams.is_empty() { 0.0 } else { input.waves().height_mm };
     let unwelded = unwelded::told(lines, implied, &seams, f64::from(v));
@@ -179,10 +181,11 @@ impl Corners {
         Self { off_table, on_table }
     }
 
-    /// Corners off the table strung together. A cropped cloud has no table in it: its lowest plane is part of the work.
+    /// Corners off the table strung together. Where there are none, that on which all lie may be part of the work: a cropped cloud has no
+    /// table in it, and without cameras nothing tells a table from a plate.
     fn chains(&self, input: &Input, config: &TraceConfig) -> Vec<Chain> {
         let chains = traced(input, &self.off_table, config);
-        if chains.is_empty() && !input.scan.has_whole_views() {
+        if chains.is_empty() && !(input.scan.cameras_known && input.scan.has_whole_views()) {
             traced(input, &self.on_table, config)
         } else {
             chains

@@ -1,6 +1,7 @@
 //! What the steps before the seams hand over: the raw scan, the thinned model of it, and what is looked for in it.
 
 use super::surfaces::{Face, Surfaces, Waves};
+use super::trace::support::Edge;
 use crate::geometry::cloud::{Merged, Picture, PointCloud};
 use crate::geometry::grid::Grid;
 use crate::model::downsampling::Voxels;
@@ -76,6 +77,11 @@ impl RawScan<'_> {
     /// Whether it is what one camera saw from one place.
     pub(crate) fn is_one_view(&self) -> bool {
         self.cameras_known && self.view_names.len() == 1
+    }
+
+    /// Whether a table may show its edge.
+    pub(crate) const fn edge_of_table(&self) -> Edge {
+        if self.cameras_known { Edge::Seen } else { Edge::Hidden }
     }
 
     /// Whether cameras saw it from several places.

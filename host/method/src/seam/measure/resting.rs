@@ -6,7 +6,8 @@
 use crate::seam::input::Input;
 use crate::seam::refine::frame::Frame;
 use crate::seam::trace::support::{self, Support};
-use crate::seam::{Contact, Seam};
+use crate::seam::unwelded::Unwelded;
+use crate::seam::{Contact, Seam, WhyUnwelded};
 use nalgebra::{Point3, Vector3};
 
 /// Points of what lies on the table are sought within this of a plane across the seam, voxels: a row of them is there.
@@ -49,10 +50,27 @@ fn seems_to_lie(seam: &Seam, input: &Input) -> bool {
     })
 }
 
+/// Takes those of the seams out most of which run along a table that is shown: corners that were too blurred to be told from others, and
+/// that their faces have put on it. Where all do, and no camera tells whether the picture ends before the table, it may be a plate
+/// of the work: what is upright on it stays.
+pub(crate) fn take_feet(seams: &mut Vec<Seam>, table: Option<&Support>, input: &Input) -> Vec<Unwelded> {
+    let Some(table) = table.filter(|_| input.scan.has_whole_views()) else { return Vec::new() };
+    let may_be_plate = !input.scan.cameras_known && seams.iter().all(|seam| rests(seam, table, input));
+    let tops = if may_be_plate { tops(table, input) } else { Vec::new() };
+    let is_foot =
+        |seam: &mut Seam| rests(seam, table, input) && (!may_be_plate || lies(seam, &tops, table, input));
+    let feet = seams.extract_if(.., is_foot);
+    feet.map(|seam| Unwelded::of(&seam, WhyUnwelded::Table, String::new())).collect()
+}
+
 /// The seams most of which run along a plane.
 fn resting<'a>(seams: &'a mut [Seam], table: &Support, input: &Input) -> Vec<&'a mut Seam> {
-    let rests = |seam: &&mut Seam| most(seam, input, |frame| wall(frame, table).is_some());
-    seams.iter_mut().filter(rests).collect()
+    seams.iter_mut().filter(|seam| rests(seam, table, input)).collect()
+}
+
+/// Whether most of a seam runs along a plane.
+fn rests(seam: &Seam, table: &Support, input: &Input) -> bool {
+    most(seam, input, |frame| wall(frame, table).is_some())
 }
 
 /// Whether more than half of a seam's stations are such.
@@ -64,12 +82,16 @@ fn most(seam: &Seam, input: &Input, is_such: impl Fn(&Frame) -> bool) -> bool {
 /// Marks those of the seams on a table most of which run along what lies on it, and does not stand upright.
 fn mark_flat(resting: Vec<&mut Seam>, table: &Support, input: &Input) {
     let tops = tops(table, input);
-    let lies = |frame: &Frame| {
-        wall(frame, table)
-            .is_some_and(|wall| is_wide(&tops, table, &frame.position, &wall, input.scene.edge_mm))
-    };
-    let lying = resting.into_iter().filter(|seam| most(seam, input, lies));
+    let lying = resting.into_iter().filter(|seam| lies(seam, &tops, table, input));
     lying.for_each(|seam| seam.mark_contact(Contact::Table));
+}
+
+/// Whether most of a seam runs along what lies on the table.
+fn lies(seam: &Seam, tops: &[Point3<f32>], table: &Support, input: &Input) -> bool {
+    most(seam, input, |frame| {
+        wall(frame, table)
+            .is_some_and(|wall| is_wide(tops, table, &frame.position, &wall, input.scene.edge_mm))
+    })
 }
 
 /// Normal of the face that meets the table at a station, if one of its two faces is the table.

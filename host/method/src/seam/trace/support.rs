@@ -82,6 +82,15 @@ const FLAT_SPREAD: f32 = 0.004;
 /// Shorter vectors have no direction.
 const LEAST_LENGTH: f32 = 1e-3;
 
+/// Whether the edge of a table may be seen below it, or has to be out of the cloud.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Edge {
+    /// The pictures tell where a plane ends, and so whether it is a table.
+    Seen,
+    /// Nothing else tells a table from a plate of the work.
+    Hidden,
+}
+
 /// A plane and how far its points scatter.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Support {
@@ -146,13 +155,14 @@ impl Support {
 
 /// Whether a cloud shows the table that the work stands on, and so all of the scene.
 pub(crate) fn is_table_shown(voxels: &Voxels) -> bool {
-    find(voxels).is_some_and(|table| table.surrounds(voxels))
+    find(voxels, Edge::Hidden).is_some_and(|table| table.surrounds(voxels))
 }
 
-/// The support of a cloud, if it has one.
-pub fn find(voxels: &Voxels) -> Option<Support> {
+/// The support of a cloud, if it has one. The table's own edge is seen below it; where the `rim` does not tell a table from a plate, only
+/// what nothing is seen below is taken for one.
+pub fn find(voxels: &Voxels, edge: Edge) -> Option<Support> {
     let directions = common_normals(&voxels.cloud.normals);
-    let found: Vec<Support> = directions.par_iter().filter_map(|n| along(voxels, n)).collect();
+    let found: Vec<Support> = directions.par_iter().filter_map(|n| along(voxels, n, edge)).collect();
     // What holds a thinner plane of about its direction is two layers taken for one, at a slant.
     let is_layer = |a: &&Support| {
         let holds = |b: &Support| MIXED * b.half_mm < a.half_mm && a.normal.dot(&b.normal) > SAME_FACE;
@@ -252,10 +262,13 @@ fn settled(normals: &[Vector3<f32>], mut direction: Vector3<f32>) -> Option<Vect
 }
 
 /// The lowest large plane about normal to `direction`, if it has (almost) nothing behind it.
-fn along(voxels: &Voxels, direction: &Vector3<f32>) -> Option<Support> {
+fn along(voxels: &Voxels, direction: &Vector3<f32>, edge: Edge) -> Option<Support> {
     let support = lowest(voxels, direction)?;
-    let is_behind = |p: &&Point3<f32>| support.height_mm(p) < -BEHIND_HALVES * support.half_mm;
-    let behind = voxels.cloud.points_mm.iter().filter(is_behind).count();
+    let counts = |n: &Vector3<f32>| edge == Edge::Hidden || n.dot(&support.normal).abs() > FACING;
+    let is_behind = |(p, n): &(&Point3<f32>, &Vector3<f32>)| {
+        support.height_mm(p) < -BEHIND_HALVES * support.half_mm && counts(n)
+    };
+    let behind = points(voxels).filter(is_behind).count();
     (behind as f32 <= MOST_BEHIND * voxels.cloud.len() as f32).then_some(support)
 }
 
@@ -480,7 +493,7 @@ mod tests {
     fn table_facing(points_mm: Vec<Point3<f32>>, normal: Vector3<f32>) -> Support {
         let normals = vec![normal; points_mm.len()];
         let cloud = PointCloud { origin_mm: Point3::origin(), points_mm, normals };
-        find(&Voxels { cloud, edge_mm: EDGE_MM, ..Voxels::default() }).expect("a table")
+        find(&Voxels { cloud, edge_mm: EDGE_MM, ..Voxels::default() }, Edge::Hidden).expect("a table")
     }
 
     fn is_sheet(x: i32, y: i32) -> bool {
@@ -517,6 +530,18 @@ mod tests {
     }
 
     #[test]
+    fn a_table_may_show_its_edge_where_pictures_tell_that_it_is_one() {
+        let edge = level(80, 0.0, |_, y| y < 20).into_iter().map(|p| Point3::new(0.0, p.x, p.z - p.y));
+        let top = level(80, 0.0, |_, _| true);
+        let normals = [vec![Vector3::z(); top.len()], vec![-Vector3::x(); edge.len()]].concat();
+        let points_mm = top.into_iter().chain(edge).collect();
+        let cloud = PointCloud { origin_mm: Point3::origin(), points_mm, normals };
+        let voxels = Voxels { cloud, edge_mm: EDGE_MM, ..Voxels::default() };
+        assert!(find(&voxels, Edge::Seen).is_some_and(|table| table.offset_mm.abs() < 0.05));
+        assert_eq!(find(&voxels, Edge::Hidden), None);
+    }
+
+    #[test]
     fn a_table_has_nothing_under_it_but_a_floor_that_is_farther_below_than_it_is_wide() {
         const SIDE: i32 = 80;
         let is_plate = |x: i32, y: i32| (20..50).contains(&x) && (25..60).contains(&y);
@@ -530,7 +555,7 @@ mod tests {
             let normals = vec![Vector3::z(); points_mm.len()];
             let cloud = PointCloud { origin_mm: Point3::origin(), points_mm, normals };
             let voxels = Voxels { cloud, edge_mm: EDGE_MM, ..Voxels::default() };
-            for known in [None, find(&voxels)] {
+            for known in [None, find(&voxels, Edge::Hidden)] {
                 let found_mm = possible(&voxels, known.as_ref()).map(|table| table.offset_mm);
                 let is_near = found_mm.zip(height_mm).is_none_or(|(a, b): (f32, f32)| (a - b).abs() < 0.1);
                 assert!(found_mm.is_some() == height_mm.is_some() && is_near, "{below} mm: {found_mm:?}");
