@@ -181,3 +181,19 @@ pub(super) fn frames(points: &[PathPoint], closed: bool) -> Option<Vec<Frame>> {
         })
         .collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_single_place_is_no_path() {
+        let link = ChainLink {
+            position: Point3::origin(),
+            direction: Vector3::x(),
+            faces: [Vector3::y(), Vector3::z()],
+        };
+        let chain = |links: usize| Chain { links: vec![link; links], ..Chain::default() };
+        assert!((0..2).all(|links| Path::along(&chain(links), 1.0).is_none()));
+    }
+}
