@@ -132,7 +132,7 @@ fn clouds_of_known_frame_and_unit_are_taken_as_such() {
         ("romi-lab+robotic-sealing/seam_tracking/T-Joint/RGB_D_PCD/pc0001.pcd", true),
         ("PointCloudLibrary+pcl/test/table_scene_mug_stereo_textured.pcd", true),
         ("pengrui-rio+welding-robot/pointcloud_dataset/driver_test_cloud.pcd", false),
-        ("pengrui-rio+welding-robot/pointcloud_dataset/Thu_Apr_2_10_14_30/3_frame.pcd", false),
+        ("pengrui-rio+welding-robot/pointcloud_dataset/Thu_Apr_2_10_14_30/3_frame.pcd", true),
         ("abhinand4as+weld_seam_ros2/assets/lap_joint_test.pcd", false),
         ("abhinand4as+weld_seam_ros2/assets/lap_joint_with_table.pcd", false),
     ] {

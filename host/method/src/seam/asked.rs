@@ -179,10 +179,8 @@ impl Wish<'_> {
     fn table(&self) -> Option<&Support> {
         let scan = &self.input.scan;
         let find = || {
-            let support = scan
-                .has_whole_views()
-                .then(|| support::find(self.input.scene, scan.edge_of_table()))
-                .flatten();
+            let support =
+                scan.has_whole_views().then(|| support::find(self.input.scene, scan.table_edge())).flatten();
             support.filter(|support| support.is_table(scan))
         };
         self.shared.table.get_or_init(find).as_ref()

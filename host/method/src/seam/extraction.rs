@@ -59,7 +59,7 @@ const OPEN_ROUNDS: usize = 3;
 pub fn find(input: &Input, config: &SeamConfig) -> Found {
     let v = input.model.voxel_mm();
     let scores = edges::score(&input.model);
-    let support = support::find(input.scene, input.scan.edge_of_table());
+    let support = support::find(input.scene, input.scan.table_edge());
     let table = support.filter(|support| support.is_table(&input.scan));
     let corner_config = config.corner.for_scan(&input.scan);
     let corners = Corners::parted(corner::corners(&input.model, &scores, &corner_config), |c| {

@@ -1,7 +1,7 @@
 //! What the steps before the seams hand over: the raw scan, the thinned model of it, and what is looked for in it.
 
 use super::surfaces::{Face, Surfaces, Waves};
-use super::trace::support::Edge;
+use super::trace::support::TableEdge;
 use crate::geometry::cloud::{Merged, Picture, PointCloud};
 use crate::geometry::grid::Grid;
 use crate::model::downsampling::Voxels;
@@ -80,8 +80,8 @@ impl RawScan<'_> {
     }
 
     /// Whether a table may show its edge.
-    pub(crate) const fn edge_of_table(&self) -> Edge {
-        if self.cameras_known { Edge::Seen } else { Edge::Hidden }
+    pub(crate) const fn table_edge(&self) -> TableEdge {
+        if self.cameras_known { TableEdge::Seen } else { TableEdge::Hidden }
     }
 
     /// Whether cameras saw it from several places.

@@ -84,7 +84,7 @@ const LEAST_LENGTH: f32 = 1e-3;
 
 /// Whether the edge of a table may be seen below it, or has to be out of the cloud.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Edge {
+pub enum TableEdge {
     /// The pictures tell where a plane ends, and so whether it is a table.
     Seen,
     /// Nothing else tells a table from a plate of the work.
@@ -155,12 +155,12 @@ impl Support {
 
 /// Whether a cloud shows the table that the work stands on, and so all of the scene.
 pub(crate) fn is_table_shown(voxels: &Voxels) -> bool {
-    find(voxels, Edge::Hidden).is_some_and(|table| table.surrounds(voxels))
+    find(voxels, TableEdge::Hidden).is_some_and(|table| table.surrounds(voxels))
 }
 
 /// The support of a cloud, if it has one. The table's own edge is seen below it; where the `rim` does not tell a table from a plate, only
 /// what nothing is seen below is taken for one.
-pub fn find(voxels: &Voxels, edge: Edge) -> Option<Support> {
+pub fn find(voxels: &Voxels, edge: TableEdge) -> Option<Support> {
     let directions = common_normals(&voxels.cloud.normals);
     let found: Vec<Support> = directions.par_iter().filter_map(|n| along(voxels, n, edge)).collect();
     // What holds a thinner plane of about its direction is two layers taken for one, at a slant.
@@ -262,11 +262,12 @@ fn settled(normals: &[Vector3<f32>], mut direction: Vector3<f32>) -> Option<Vect
 }
 
 /// The lowest large plane about normal to `direction`, if it has (almost) nothing behind it.
-fn along(voxels: &Voxels, direction: &Vector3<f32>, edge: Edge) -> Option<Support> {
+fn along(voxels: &Voxels, direction: &Vector3<f32>, edge: TableEdge) -> Option<Support> {
     let support = lowest(voxels, direction)?;
-    let counts = |n: &Vector3<f32>| edge == Edge::Hidden || n.dot(&support.normal).abs() > FACING;
+    // What is square to it as a face of its own is parallel to it: no bevel of a groove in a plate.
+    let is_edge = |n: &Vector3<f32>| n.dot(&support.normal).powi(2) < 1.0 - SAME_FACE * SAME_FACE;
     let is_behind = |(p, n): &(&Point3<f32>, &Vector3<f32>)| {
-        support.height_mm(p) < -BEHIND_HALVES * support.half_mm && counts(n)
+        support.height_mm(p) < -BEHIND_HALVES * support.half_mm && (edge == TableEdge::Hidden || !is_edge(n))
     };
     let behind = points(voxels).filter(is_behind).count();
     (behind as f32 <= MOST_BEHIND * voxels.cloud.len() as f32).then_some(support)
@@ -493,7 +494,7 @@ mod tests {
     fn table_facing(points_mm: Vec<Point3<f32>>, normal: Vector3<f32>) -> Support {
         let normals = vec![normal; points_mm.len()];
         let cloud = PointCloud { origin_mm: Point3::origin(), points_mm, normals };
-        find(&Voxels { cloud, edge_mm: EDGE_MM, ..Voxels::default() }, Edge::Hidden).expect("a table")
+        find(&Voxels { cloud, edge_mm: EDGE_MM, ..Voxels::default() }, TableEdge::Hidden).expect("a table")
     }
 
     fn is_sheet(x: i32, y: i32) -> bool {
@@ -537,8 +538,25 @@ mod tests {
         let points_mm = top.into_iter().chain(edge).collect();
         let cloud = PointCloud { origin_mm: Point3::origin(), points_mm, normals };
         let voxels = Voxels { cloud, edge_mm: EDGE_MM, ..Voxels::default() };
-        assert!(find(&voxels, Edge::Seen).is_some_and(|table| table.offset_mm.abs() < 0.05));
-        assert_eq!(find(&voxels, Edge::Hidden), None);
+        assert!(find(&voxels, TableEdge::Seen).is_some_and(|table| table.offset_mm.abs() < 0.05));
+        assert_eq!(find(&voxels, TableEdge::Hidden), None);
+    }
+
+    #[test]
+    fn a_plate_with_a_groove_in_it_is_no_table() {
+        let is_groove = |x: i32, _| (36..44).contains(&x);
+        let bevel = level(80, 0.0, is_groove).into_iter().map(|p| {
+            let deep_mm = 1.7 * (4.8 - (p.x - 48.0).abs());
+            Point3::new(p.x, p.y, p.z - deep_mm)
+        });
+        let top = level(80, 0.0, |x, y| !is_groove(x, y));
+        let bevel: Vec<_> = bevel.collect();
+        let facing = |p: &Point3<f32>| Vector3::new(if p.x < 48.0 { 0.86 } else { -0.86 }, 0.0, 0.51);
+        let normals = vec![Vector3::z(); top.len()].into_iter().chain(bevel.iter().map(facing)).collect();
+        let points_mm = [top, bevel].concat();
+        let cloud = PointCloud { origin_mm: Point3::origin(), points_mm, normals };
+        let voxels = Voxels { cloud, edge_mm: EDGE_MM, ..Voxels::default() };
+        assert_eq!([TableEdge::Seen, TableEdge::Hidden].map(|edge| find(&voxels, edge)), [None, None]);
     }
 
     #[test]
@@ -555,7 +573,7 @@ mod tests {
             let normals = vec![Vector3::z(); points_mm.len()];
             let cloud = PointCloud { origin_mm: Point3::origin(), points_mm, normals };
             let voxels = Voxels { cloud, edge_mm: EDGE_MM, ..Voxels::default() };
-            for known in [None, find(&voxels, Edge::Hidden)] {
+            for known in [None, find(&voxels, TableEdge::Hidden)] {
                 let found_mm = possible(&voxels, known.as_ref()).map(|table| table.offset_mm);
                 let is_near = found_mm.zip(height_mm).is_none_or(|(a, b): (f32, f32)| (a - b).abs() < 0.1);
                 assert!(found_mm.is_some() == height_mm.is_some() && is_near, "{below} mm: {found_mm:?}");
