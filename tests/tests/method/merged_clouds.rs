@@ -6,6 +6,7 @@ use std::path::Path;
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use weldpath::evaluation::{Options, PathSet, Truth, score};
+use weldpath::geometry::cloud::View;
 use weldpath::input;
 use weldpath::pipeline::{self, Plan, PlanError};
 use weldpath::run::job::Job;
@@ -21,15 +22,22 @@ const PARTS: [(Part, f64); 4] =
 /// The points of all views at their true poses, mm, base frame, every so many after the other, and the truth.
 fn merged(part: Part) -> (Vec<Point3<f64>>, Truth) {
     let (scan, truth) = scanned(&Request { noise: Noise::None, ..Request::new(part, 3) });
-    let in_base = scan
-        .views
-        .iter()
-        .flat_map(|view| view.points_mm.iter().map(|p| view.base_from_camera * p.cast::<f64>()));
-    let points: Vec<_> = in_base.collect();
+    (shuffled(&in_base(&scan.views)), truth)
+}
+
+/// The points of all views, mm, base frame, in their order.
+fn in_base(views: &[View]) -> Vec<Point3<f64>> {
+    let of_view = |view: &View| {
+        view.points_mm.iter().map(|p| view.base_from_camera * p.cast::<f64>()).collect::<Vec<_>>()
+    };
+    views.iter().flat_map(of_view).collect()
+}
+
+/// Every so many after the other.
+fn shuffled(points: &[Point3<f64>]) -> Vec<Point3<f64>> {
     // A step that has no divisor in common with the number takes each point once.
     let step = (points.len() / 3..).find(|step| gcd(*step, points.len()) == 1).expect("a step");
-    let shuffled = (0..points.len()).map(|k| points[k * step % points.len()]).collect();
-    (shuffled, truth)
+    (0..points.len()).map(|k| points[k * step % points.len()]).collect()
 }
 
 fn gcd(a: usize, b: usize) -> usize {
@@ -94,6 +102,17 @@ fn turn() -> Isometry3<f64> {
     Isometry3::from_parts(Translation3::new(300.0, -800.0, 1200.0), turn)
 }
 
+/// The paths of a plan of a turned cloud, where they were before the turn.
+fn turned_back(mut plan: Plan) -> Plan {
+    for path in &mut plan.paths {
+        for point in &mut path.points {
+            point.position_mm = turn().inverse() * point.position_mm;
+            point.base_from_torch = turn().rotation.inverse() * point.base_from_torch;
+        }
+    }
+    plan
+}
+
 #[test]
 fn the_seams_of_a_merged_cloud_are_found_whatever_its_frame_and_order_and_again_in_the_model() {
     for (part, most_mm) in PARTS {
@@ -103,14 +122,7 @@ fn the_seams_of_a_merged_cloud_are_found_whatever_its_frame_and_order_and_again_
 
         let turned: Vec<_> = points.iter().map(|p| turn() * p).collect();
         let again = planned(&turned, &[]).unwrap_or_else(|error| panic!("{part:?}, turned: {error}"));
-        let mut back = again;
-        for path in &mut back.paths {
-            for point in &mut path.points {
-                point.position_mm = turn().inverse() * point.position_mm;
-                point.base_from_torch = turn().rotation.inverse() * point.base_from_torch;
-            }
-        }
-        holds(&back, &truth, most_mm, &format!("{part:?}, turned"));
+        holds(&turned_back(again), &truth, most_mm, &format!("{part:?}, turned"));
 
         let model: Vec<_> = (0..plan.model.len()).map(|k| plan.model.in_base_mm(k)).collect();
         let normals: Vec<_> = plan.model.normals.iter().map(|n| n.cast::<f64>()).collect();
@@ -128,11 +140,7 @@ fn the_seams_of_a_merged_cloud_are_found_whatever_its_frame_and_order_and_again_
 fn a_cloud_in_the_order_of_its_pictures_is_planned_as_its_views_are_in_any_frame() {
     for (part, seed) in [(Part::Fillet, 31), (Part::Lap, 32), (Part::Pipe, 33), (Part::ButtV, 34)] {
         let (scan, truth) = scanned(&Request::new(part, seed));
-        let in_base = scan
-            .views
-            .iter()
-            .flat_map(|view| view.points_mm.iter().map(|p| view.base_from_camera * p.cast::<f64>()));
-        let points: Vec<_> = in_base.map(|p| turn() * p).collect();
+        let points: Vec<_> = in_base(&scan.views).iter().map(|p| turn() * p).collect();
         let cloud = read(&points, &[]);
         assert_eq!(cloud.views.len(), scan.views.len(), "{part:?}: {:?}", cloud.notes);
         for (found, view) in cloud.views.iter().zip(&scan.views) {
@@ -145,15 +153,9 @@ fn a_cloud_in_the_order_of_its_pictures_is_planned_as_its_views_are_in_any_frame
         }
         let mut config = Job::default().pipeline();
         config.merge.anchor = None;
-        let mut plan = pipeline::plan(&cloud.views, &config, &mut ())
+        let plan = pipeline::plan(&cloud.views, &config, &mut ())
             .unwrap_or_else(|error| panic!("{part:?}: {error}"));
-        for path in &mut plan.paths {
-            for point in &mut path.points {
-                point.position_mm = turn().inverse() * point.position_mm;
-                point.base_from_torch = turn().rotation.inverse() * point.base_from_torch;
-            }
-        }
-        holds(&plan, &truth, 0.15, &format!("{part:?}, in order"));
+        holds(&turned_back(plan), &truth, 0.15, &format!("{part:?}, in order"));
     }
 }
 
@@ -201,8 +203,7 @@ fn a_web_on_a_plate_that_is_all_of_the_cloud_is_welded() {
         turn() * Point3::from(Vector3::from_fn(|axis, _| at[axis] + 0.2 * chance(3 * k + axis)))
     };
     let points: Vec<_> = level.chain(web).enumerate().map(noisy).collect();
-    let shuffled: Vec<_> = (0..points.len()).map(|k| points[k * 7919 % points.len()]).collect();
-    let plan = planned(&shuffled, &[]).expect("a plan");
+    let plan = planned(&shuffled(&points), &[]).expect("a plan");
     let mut seen_mm = [0.0; 2];
     for seam in &plan.seams {
         assert_eq!(seam.contact, None);

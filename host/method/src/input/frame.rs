@@ -161,20 +161,21 @@ fn evidence(raw: &Raw, at: Vector3<f64>, extent: &Extent) -> Result<String, Stri
 /// The same of a camera that faces along `axis`, where this share of the points may be another's.
 fn evidence_along(raw: &Raw, at: Vector3<f64>, axis: &Vector3<f64>, strays: f64) -> Result<String, String> {
     let inside = |ray: &Vector3<f64>| ray.dot(axis) > LEAST_COSINE * ray.norm();
-    let seen = |most: usize| raw.positions.sample(most).into_iter().map(move |p| p - at);
-    let outside = share(&seen(SAMPLE).collect::<Vec<_>>(), |ray| !inside(ray));
+    let rays = |most: usize| raw.positions.sample(most).into_iter().map(move |p| p - at);
+    let (seen, not_seen): (Vec<_>, Vec<_>) = rays(SAMPLE).partition(inside);
+    let outside = not_seen.len() as f64 / (seen.len() + not_seen.len()) as f64;
     if outside > strays {
         return Err(format!(
             "{:.1} % of the points are outside a field of view of 100 degrees",
             100.0 * outside
         ));
     }
-    let image = pictured(&seen(SAMPLE).filter(inside).collect::<Vec<_>>(), axis);
+    let image = pictured(&seen, axis);
     let hidden = hidden_share(&image);
     if hidden > TOLERATED {
         return Err(format!("{:.1} % of the points would be hidden by others", 100.0 * hidden));
     }
-    let all: Vec<Vector3<f64>> = seen(raw.positions.len()).filter(inside).collect();
+    let all: Vec<Vector3<f64>> = rays(raw.positions.len()).filter(inside).collect();
     match evenness(&pictured(&all, axis)) >= LEAST_EVEN {
         true => Ok(format!("one depth per ray for all but {:.1} % of the points", 100.0 * hidden)),
         false => Err("its picture is no grid of pixels, but several over each other".into()),

@@ -26,6 +26,8 @@ const _: () = assert!(RUN < LEAST_ROWS);
 /// A plane meets the camera if it passes it within this many pixels; so do this share of the planes of a picture.
 const MEETS_PIXELS: f64 = 1.0;
 const LEAST_MEETING: f64 = 0.8;
+/// The least deviation of a plane from the line, steps: lenses are not quite without distortion.
+const OFF_STEPS: f64 = 0.02;
 /// Rounds of leaving out what does not fit.
 const ROUNDS: usize = 6;
 /// Standard deviations beyond which a plane is left out.
@@ -218,9 +220,6 @@ impl Line {
         meeting as f64 >= LEAST_MEETING * rows.len() as f64
     }
 }
-
-/// The least deviation of a plane from the line, steps: lenses are not quite without distortion.
-const OFF_STEPS: f64 = 0.02;
 
 /// The camera that took a picture.
 struct Camera {

@@ -158,8 +158,7 @@ pub(crate) fn is_table_shown(voxels: &Voxels) -> bool {
     find(voxels, TableEdge::Hidden).is_some_and(|table| table.surrounds(voxels))
 }
 
-/// The support of a cloud, if it has one. The table's own edge is seen below it; where the `rim` does not tell a table from a plate, only
-/// what nothing is seen below is taken for one.
+/// The support of a cloud, if it has one.
 pub fn find(voxels: &Voxels, edge: TableEdge) -> Option<Support> {
     let directions = common_normals(&voxels.cloud.normals);
     let found: Vec<Support> = directions.par_iter().filter_map(|n| along(voxels, n, edge)).collect();
