@@ -87,8 +87,6 @@ firmware() {
 }
 # All but the benches, whose libraries change the features of the product's, so that it would be built twice.
 packages="--workspace --exclude weldpath-benches --exclude weldpath-python"
-# What runs in real time mostly waits, but must not wait for what computes.
-live() { cargo test $packages --release --test live; }
 
 say "format"
 cargo fmt --all --check
@@ -150,18 +148,18 @@ esac
 say "firmware, begun beside the lints: emulated board, STM32F407, lints"
 joined firmware
 
-say "tests: units, properties, every reader, fixtures, link, report in Chromium; beside them, firmware in QEMU and pendants"
+say "tests: units, properties, every reader, fixtures, link, report in Chromium; after them, firmware in QEMU and pendants"
 export WELDPATH_REQUIRE_QEMU=1 WELDPATH_REQUIRE_CHROMIUM=1
-beside live
 computing=
 for folder in tests/tests/*/; do
     name=$(basename "$folder")
     [ "$name" = live ] || computing="$computing --test $name"
 done
 failed=
-nice cargo test $packages --release --no-fail-fast --lib --bins --test command --test examples --test library $computing || failed=1
-nice cargo test $packages --release --doc || failed=1
-joined live || failed=1
+cargo test $packages --release --no-fail-fast --lib --bins --test command --test examples --test library $computing || failed=1
+cargo test $packages --release --doc || failed=1
+# What runs in real time runs alone: beside what computes it waited for up to half a second, even at a lower priority of that.
+cargo test $packages --release --test live || failed=1
 [ -z "$failed" ] || exit 1
 
 say "all passed"
